@@ -118,7 +118,7 @@ def test_values_beyond_any_robot_are_refused(tmp_path: Path, column: str, value:
 def test_values_beyond_any_robot_in_own_arrays_are_refused() -> None:
     effort = np.zeros((3, 2))
     effort[2, 1] = 1e12
-    with pytest.raises(RecordingError, match=r"'b\.effort' is 1e\+12, more than any sensor says at sample 2"):
+    with pytest.raises(RecordingError, match=r"'b\.effort' is 1e\+12 at sample 2, more than any sensor"):
         Recording.from_arrays(np.arange(3.0), np.zeros((3, 2)), effort=effort, joints=["a", "b"])
 
 

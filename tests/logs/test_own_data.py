@@ -33,7 +33,7 @@ def arrays(**changed: Any) -> Recording:
         ({"time": [[0, 1, 2]]}, r"time needs shape \(samples,\), got \(1, 3\)"),
         ({"time": [0, 2, 1]}, "'time' runs back at sample 2"),
         ({"time": np.array([0, 1, 2], dtype="M8[s]")}, "time holds datetime64"),
-        ({"position": [[0, 0], [0, np.nan], [0, 0]]}, "'b.position' is not finite at sample 1"),
+        ({"position": [[0, 0], [0, np.nan], [0, 0]]}, "'b.position' is nan at sample 1"),
         ({"joints": "ab"}, "joints needs a list of names"),
         ({"joints": ("a", "a")}, "joint 'a' is named 2 times"),
         ({"imu": Imu(np.zeros((3, 3)), np.zeros((3, 4)))}, r"imu.linear_acceleration needs shape \(3, 3\)"),

@@ -4,7 +4,7 @@ cuts even chunks.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -14,10 +14,9 @@ from numpy.typing import NDArray
 from stadera.errors import RecordingError
 from stadera.limits import Budget
 from stadera.logs.columns import Layout
-from stadera.logs.recording import Imu, OtherJoints, Recording, with_velocity
+from stadera.logs.recording import Imu, OtherJoints, Recording, check_values, with_velocity
 from stadera.logs.sampling import GAP_FACTOR
 from stadera.logs.topics import DESIRED, PD_DOUBT, PdGains
-from stadera.logs.units import largest_of
 from stadera.types import Array, Bools
 
 
@@ -178,7 +177,7 @@ def _recording(batch: Batch, layout: Layout, source: str, first: int, clock: Row
     values, samples, notes = _without_dropouts(batch, layout.columns, first)
     if not len(samples):
         return None
-    _check_values(values, layout.columns, samples, source)
+    check_values(values.T, layout.columns, source, samples)
     time, kept, more = clock(values[0], samples)
     if not kept.any():
         return None
@@ -201,7 +200,7 @@ def _of_columns(time: Array, values: Array, layout: Layout, source: str, notes: 
     recording = Recording(
         time=time,
         joints=layout.joints,
-        imu=_imu(imu, layout.imu_frame) if imu else None,
+        imu=Imu(**imu, frame=layout.imu_frame) if imu else None,
         foot_force={foot: block(columns) for foot, columns in layout.force.items()},
         foot_contact={foot: values[place[column]] > 0.5 for foot, column in layout.contact.items()},
         others=OtherJoints(layout.other_joints, **others) if others else None,
@@ -225,10 +224,6 @@ def _with_pd_effort(recording: Recording, pd: PdGains, desired: dict[str, Array]
     return replace(moving, effort=effort, notes=(*moving.notes, note), doubts=(*moving.doubts, PD_DOUBT))
 
 
-def _imu(quantities: Mapping[str, Array], frame: str | None) -> Imu:
-    return Imu(quantities["angular_velocity"], quantities["linear_acceleration"], quantities.get("orientation"), frame)
-
-
 def _without_dropouts(
     batch: Batch, columns: Sequence[str], first: int
 ) -> tuple[Array, NDArray[np.int64], tuple[str, ...]]:
@@ -245,20 +240,3 @@ def _without_dropouts(
         f"dropout{'s' * (holes > 1)}, the first at sample {samples[at]}, column {name!r}"
     )
     return batch.values[:, valid], samples[valid], (note,)
-
-
-def _check_values(values: Array, columns: Sequence[str], samples: NDArray[np.int64], source: str) -> None:
-    largest = np.array([largest_of(column) for column in columns])
-    if (values.max(axis=1) <= largest).all() and (values.min(axis=1) >= -largest).all():
-        return
-    bad = np.argwhere(~(np.abs(values) <= largest[:, None]))
-    if not len(bad):
-        return
-    column, at = bad[0]
-    where = f"{source}: column {columns[column]!r} is"
-    if not np.isfinite(value := values[column, at]):
-        raise RecordingError(f"{where} {value} at sample {samples[at]}")
-    raise RecordingError(
-        f"{where} {value:.3g} at sample {samples[at]}, more than any sensor says in SI units (at most "
-        f"{largest[column]:g})"
-    )

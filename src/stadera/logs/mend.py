@@ -123,11 +123,7 @@ def changed(
         recording = change(recording)
     if first:
         recording = replace(recording, notes=(*recording.notes, *(change.text for change in changes)))
-    if joints is None or recording.joints == tuple(joints):
-        return recording
-    found = tuple(joints)
-    kept = {c: recording.channel(c, found) for c in CHANNELS if getattr(recording, c) is not None}
-    return replace(recording, joints=found, **kept)  # type: ignore[arg-type]
+    return recording if joints is None else recording.of_joints(joints)
 
 
 def sources_of(changes: Sequence[Change], joints: Sequence[str] | None) -> tuple[str, ...] | None:

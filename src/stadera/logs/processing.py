@@ -6,16 +6,16 @@ the whole log.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from itertools import chain
 from typing import Any, Literal
 
 import numpy as np
 
 from stadera.errors import RecordingError
-from stadera.logs.filters import Kernels, apply, kernels
+from stadera.logs.filters import apply, kernels
 from stadera.logs.recording import Recording, concatenate
-from stadera.logs.sampling import GAP_FACTOR, HEAD, Block, Sampling, resampled, sampling_of, segments, windows
+from stadera.logs.sampling import GAP_FACTOR, HEAD, Block, resampled, sampling_of, segments, windows
 from stadera.types import Array
 
 LONGEST_DELAY = 0.2
@@ -136,7 +136,10 @@ def preprocess(recording: Recording, settings: Preprocessing, joints: Sequence[s
     recorded.
     """
     parts = tuple(preprocess_stream([recording], settings, joints))
-    return parts[0] if len(parts) == 1 else _joined(parts)
+    last = parts[-1]
+    signals = ["time", "position", "velocity", "acceleration", *([] if last.effort is None else ["effort"])]
+    joined: dict[str, Any] = {name: np.concatenate([getattr(part, name) for part in parts]) for name in signals}
+    return replace(last, **joined) if len(parts) > 1 else last
 
 
 def preprocess_stream(
@@ -147,144 +150,95 @@ def preprocess_stream(
     Memory does not grow with the log's length. The rate, and whether stamps are uneven, are determined from the first
     4096 samples.
     """
-    head, rest = _head(iter(chunks))
-    names = tuple(joints) if joints is not None else head.joints
-    even = {"auto": None, "always": False, "never": True}[settings.resample]
-    sampling = sampling_of(head.time, settings.tolerance, settings.gap_factor, even, head.source)
-    return _run(chain([head], rest), _plan(head, names, settings, sampling))
-
-
-@dataclass(frozen=True, eq=False)
-class _Preparation:
-    """Settings derived from a log's first chunk."""
-
-    joints: tuple[str, ...]
-    channels: tuple[str, ...]  # stacked in this order, each with a row for every joint
-    settings: Preprocessing
-    sampling: Sampling
-    window: Kernels
-
-
-@dataclass
-class _Tally:
-    """Counts over one run."""
-
-    report: PreprocessingReport
-    notes: dict[str, None] = field(default_factory=dict)
-
-    def add(self, **counts: int) -> None:
-        self.report = replace(self.report, **{name: getattr(self.report, name) + n for name, n in counts.items()})
-
-
-def _plan(head: Recording, joints: tuple[str, ...], settings: Preprocessing, sampling: Sampling) -> _Preparation:
-    channels = ["position"]
-    if settings.cutoff_hz is None:
-        channels += [name for name in ("velocity", "acceleration") if getattr(head, name) is not None]
-    elif settings.derive_from == "velocity":
-        channels.append("velocity")
-    if head.effort is not None:
-        channels.append("effort")
-    derivatives = not {"velocity", "acceleration"} <= set(channels)
-    window = kernels(sampling.rate_hz, settings.cutoff_hz, derivatives=derivatives, delay=settings.effort_delay)
-    return _Preparation(joints, tuple(channels), settings, sampling, window)
-
-
-def _head(chunks: Iterator[Recording]) -> tuple[Recording, Iterator[Recording]]:
-    """The first HEAD samples or more as one recording, and the chunks after it."""
-    parts: list[Recording] = []
+    chunks, parts = iter(chunks), list[Recording]()
     while sum(map(len, parts)) < HEAD and (chunk := next(chunks, None)) is not None:
         parts.append(chunk)
     if not parts:
         raise RecordingError("too few samples: none")
-    return concatenate(parts), chunks
+    head = concatenate(parts)
+    return _Pass(head, settings, tuple(joints) if joints is not None else head.joints).over(chain([head], chunks))
 
 
-def _run(chunks: Iterator[Recording], plan: _Preparation) -> Iterator[Processed]:
-    sampling, source = plan.sampling, "recording"
-    tally = _Tally(
-        PreprocessingReport(
-            rate_hz=sampling.rate_hz,
-            cutoff_hz=plan.settings.cutoff_hz,
-            resampled=not sampling.even,
-            window=2 * plan.window.half + 1,
-            drop_below=plan.settings.drop_below,
-            effort_delay=plan.settings.effort_delay,
+class _Pass:
+    """One pass over a log, prepared by its beginning: `channels` are stacked, each with a row for every joint."""
+
+    def __init__(self, head: Recording, settings: Preprocessing, joints: tuple[str, ...]) -> None:
+        self.settings, self.joints, self.source = settings, joints, head.source
+        self.channels = ["position"]
+        if settings.cutoff_hz is None:
+            self.channels += [name for name in ("velocity", "acceleration") if getattr(head, name) is not None]
+        elif settings.derive_from == "velocity":
+            self.channels.append("velocity")
+        if head.effort is not None:
+            self.channels.append("effort")
+        even = {"auto": None, "always": False, "never": True}[settings.resample]
+        self.sampling = sampling_of(head.time, settings.tolerance, settings.gap_factor, even, head.source)
+        derivatives = not {"velocity", "acceleration"} <= set(self.channels)
+        rate_hz, delay = self.sampling.rate_hz, settings.effort_delay
+        self.window = kernels(rate_hz, settings.cutoff_hz, derivatives=derivatives, delay=delay)
+        self.notes: dict[str, None] = {}
+        self.report = PreprocessingReport(
+            rate_hz, settings.cutoff_hz, not self.sampling.even, 2 * self.window.half + 1, settings.drop_below, delay
         )
-    )
 
-    def stacks() -> Iterator[tuple[Array, Array]]:
-        nonlocal source
+    def over(self, chunks: Iterable[Recording]) -> Iterator[Processed]:
+        """Yields the results of consecutive chunks; the last one has the report on the whole log."""
+        blocks = segments(self._stacks(chunks), self.sampling)
+        if not self.sampling.even:
+            blocks = resampled(blocks, self.sampling.period)
+        pending: Processed | None = None
+        for block in windows(self._counted(blocks), self.window.half):
+            result = self._moving(self._differentiated(block))
+            if len(result):
+                if pending is not None:
+                    yield pending
+                pending = result
+            elif pending is None or not len(pending):
+                pending = result  # nothing moves so far: an empty result still carries the report
+        if pending is None:
+            window, found = self.report.window, self.report.segments
+            raise RecordingError(
+                f"{self.source}: too few samples: {self.report.samples_in} in {found} stretch{'es' * (found != 1)} "
+                f"without a gap, none as long as the {window} samples ({window * self.sampling.period:.3g} s) that the "
+                "filter needs"
+            )
+        yield replace(pending, report=self.report, notes=(*self.notes, *self.report.notes))
+
+    def _count(self, **counts: int) -> None:
+        self.report = replace(self.report, **{name: getattr(self.report, name) + n for name, n in counts.items()})
+
+    def _stacks(self, chunks: Iterable[Recording]) -> Iterator[tuple[Array, Array]]:
         for chunk in chunks:
-            source = chunk.source
-            tally.add(samples_in=len(chunk))
-            tally.notes |= dict.fromkeys(chunk.notes)
-            yield chunk.time, np.concatenate([chunk.channel(name, plan.joints).T for name in plan.channels])
+            self.source = chunk.source
+            self._count(samples_in=len(chunk))
+            self.notes |= dict.fromkeys(chunk.notes)
+            yield chunk.time, np.concatenate([chunk.channel(name, self.joints).T for name in self.channels])
 
-    blocks = segments(stacks(), sampling)
-    if not sampling.even:
-        blocks = resampled(blocks, sampling.period)
-    pending: Processed | None = None
-    for block in windows(_counted(blocks, 2 * plan.window.half + 1, tally), plan.window.half):
-        result = _moving(_differentiated(block, plan), source, plan, tally)
-        if len(result):
-            if pending is not None:
-                yield pending
-            pending = result
-        elif pending is None or not len(pending):
-            pending = result  # nothing moves so far: an empty result still carries the report
-    if pending is None:
-        window = tally.report.window
-        raise RecordingError(
-            f"{source}: too few samples: {tally.report.samples_in} in {tally.report.segments} "
-            f"stretch{'es' * (tally.report.segments != 1)} without a gap, "
-            f"none as long as the {window} samples ({window * sampling.period:.3g} s) that the filter needs"
-        )
-    yield replace(pending, report=tally.report, notes=(*tally.notes, *tally.report.notes))
+    def _counted(self, blocks: Iterable[Block]) -> Iterator[Block]:
+        """Yields the same blocks; counts segments, and those shorter than a window."""
+        samples = 0
+        for block in blocks:
+            samples = len(block.time) + (0 if block.start else samples)
+            self._count(segments=block.start, short_segments=block.end and samples < self.report.window)
+            yield block
 
+    def _differentiated(self, block: Block) -> dict[str, Array]:
+        """Every channel filtered; velocity and acceleration by the derivative kernels if they are not recorded."""
+        window = self.window
+        raw = dict(zip(self.channels, np.split(block.values, len(self.channels)), strict=True))
+        out = {name: apply(window.late if name == "effort" else window.value, rows) for name, rows in raw.items()}
+        if "velocity" not in raw:
+            out["velocity"] = apply(window.first, raw["position"])
+        if "acceleration" not in raw:
+            kernel, source = (window.first, "velocity") if "velocity" in raw else (window.second, "position")
+            out["acceleration"] = apply(kernel, raw[source])
+        return out | {"time": block.time[window.half : len(block.time) - window.half]}
 
-def _counted(blocks: Iterable[Block], window: int, tally: _Tally) -> Iterator[Block]:
-    """Yields the same blocks; counts segments, and those shorter than a window."""
-    samples = 0
-    for block in blocks:
-        samples = len(block.time) + (0 if block.start else samples)
-        tally.add(segments=block.start, short_segments=block.end and samples < window)
-        yield block
-
-
-def _differentiated(block: Block, plan: _Preparation) -> dict[str, Array]:
-    """Every channel filtered; velocity and acceleration by the derivative kernels if they are not recorded."""
-    half, window = plan.window.half, plan.window
-    raw = dict(zip(plan.channels, np.split(block.values, len(plan.channels)), strict=True))
-    out = {name: apply(window.late if name == "effort" else window.value, rows) for name, rows in raw.items()}
-    if "velocity" not in raw:
-        out["velocity"] = apply(window.first, raw["position"])
-    if "acceleration" not in raw:
-        out["acceleration"] = (
-            apply(window.first, raw["velocity"]) if "velocity" in raw else apply(window.second, raw["position"])
-        )
-    return out | {"time": block.time[half : len(block.time) - half]}
-
-
-def _moving(signals: dict[str, Array], source: str, plan: _Preparation, tally: _Tally) -> Processed:
-    """The samples at which some joint moves."""
-    moving = np.any(np.abs(signals["velocity"]) >= plan.settings.drop_below, axis=0)
-    tally.add(filtered=len(moving), at_rest=int(np.count_nonzero(~moving)))
-    if not moving.all():
-        signals = {name: values[..., moving] for name, values in signals.items()}
-    return Processed(
-        time=signals["time"],
-        joints=plan.joints,
-        position=signals["position"].T,
-        velocity=signals["velocity"].T,
-        acceleration=signals["acceleration"].T,
-        effort=signals["effort"].T if "effort" in signals else None,
-        report=tally.report,
-        source=source,
-    )
-
-
-def _joined(parts: Sequence[Processed]) -> Processed:
-    last = parts[-1]
-    signals = ["time", "position", "velocity", "acceleration", *([] if last.effort is None else ["effort"])]
-    joined: dict[str, Any] = {name: np.concatenate([getattr(part, name) for part in parts]) for name in signals}
-    return replace(last, **joined)
+    def _moving(self, signals: dict[str, Array]) -> Processed:
+        """The samples at which some joint moves."""
+        moving = np.any(np.abs(signals["velocity"]) >= self.settings.drop_below, axis=0)
+        self._count(filtered=len(moving), at_rest=int(np.count_nonzero(~moving)))
+        if not moving.all():
+            signals = {name: values[..., moving] for name, values in signals.items()}
+        channels: dict[str, Any] = {"effort": None, **{name: values.T for name, values in signals.items()}}
+        return Processed(joints=self.joints, report=self.report, source=self.source, **channels)

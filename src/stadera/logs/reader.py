@@ -70,21 +70,20 @@ def as_log(log: Log) -> LogFile | Recording:
         return log
     if isinstance(log, str | PathLike):
         return LogFile.of(log)
-    if hasattr(log, "columns") or isinstance(log, Mapping):
+    if _is_frame(log):
         return Recording.from_dataframe(log)
     raise RecordingError(f"a log is a path, a LogFile, a Recording or a data frame, got {type(log).__name__}")
 
 
+def _is_frame(log: object) -> bool:
+    return hasattr(log, "columns") or isinstance(log, Mapping)
+
+
 def as_logs(logs: Log | Iterable[Log]) -> tuple[LogFile | Recording, ...]:
-    """Converts one log or several to a tuple. Raises RecordingError: none given, or one that is neither a path nor a
-    recording.
-    """
-    several = isinstance(logs, Iterable) and not isinstance(logs, str | PathLike | Recording | Mapping | bytes)
-    if several and not hasattr(logs, "columns"):
-        found = tuple(as_log(log) for log in logs)  # type: ignore[union-attr]
-    else:
-        found = (as_log(logs),)  # type: ignore[arg-type]
-    if not found:
+    """Converts one log or several to a tuple. RecordingError: none given, or one of another type."""
+    if isinstance(logs, str | PathLike | Recording | bytes) or _is_frame(logs) or not isinstance(logs, Iterable):
+        return (as_log(logs),)  # type: ignore[arg-type]
+    if not (found := tuple(as_log(log) for log in logs)):
         raise RecordingError("no log given")
     return found
 
@@ -169,10 +168,7 @@ def _chosen(recording: Recording, joints: Sequence[str] | None, require: Collect
     found = layout(tuple(columns_of(recording)), recording.source, joints, require)
     if len(recording) < 2:
         raise RecordingError(f"{recording.source}: too few samples: {len(recording)}, at least 2 are needed")
-    if found.joints == recording.joints:
-        return recording
-    channels = {name: recording.channel(name, found.joints) for name in found.channels}
-    return replace(recording, joints=found.joints, **channels)  # type: ignore[arg-type]
+    return recording.of_joints(found.joints)
 
 
 def _chunks(recording: Recording, rows: int) -> Iterator[Recording]:
@@ -193,41 +189,42 @@ def reader_of(path: Path) -> Reader:
     with foreign(path, "cannot be read"):
         if path.is_file() and not path.open("rb").read(1):
             raise RecordingError(f"{path}: the file is empty; {accepted}")
-        if refused := refusal(path):
+        if refused := _refusal(path):
             raise RecordingError(f"{path}: {refused}")
         found = next((reader for reader in READERS if reader.accepts(path)), None)
     named = next((reader for reader in READERS if path.name.lower().endswith(reader.suffixes)), None)
     if found is not None and named in (None, found):
         return found
-    raise RecordingError(f"{path}: {_not_what_it_seems(path, found, named)}; {accepted}")
-
-
-def _not_what_it_seems(path: Path, found: Reader | None, named: Reader | None) -> str:
+    why = "no log that can be read"
     if found is not None:
-        return f"not what its name says: content is {found.name}"
-    if path.is_dir():
-        return "a directory, not a log"
-    return f"not what its name says, no {named.name} that can be read" if named else "no log that can be read"
+        why = f"not what its name says: content is {found.name}"
+    elif path.is_dir():
+        why = "a directory, not a log"
+    elif named:
+        why = f"not what its name says, no {named.name} that can be read"
+    raise RecordingError(f"{path}: {why}; {accepted}")
 
 
-_PICKLES = (".pkl", ".pickle")
 _PICKLED = (b"\x80\x02", b"\x80\x03", b"\x80\x04", b"\x80\x05")
-_UNSAFE = "a pickle can run any code and is not read; where you trust it, make a table of it in Python"
+_UNSAFE = "a pickle can run any code and is not read; where you trust it, make a table of it in Python: import numpy"
 
 
-def refusal(path: Path) -> str:
-    """Why a file is not read, with code that converts it; empty for any other file."""
+def _refusal(path: Path) -> str:
+    """Why a file is not read, a pickle, unnamed arrays, an archive, with code that converts it; empty for others."""
     if not path.is_file():
         return ""
     with path.open("rb") as file:
         head = file.read(128)
     name, npz = str(path), f"{path.stem}.npz"
-    if head.startswith(_PICKLED) or path.suffix.lower() in _PICKLES:
-        return f"{_UNSAFE}: import numpy, pickle; numpy.savez({npz!r}, **pickle.load(open({name!r}, 'rb')))"
-    if head.startswith(b"PK") and zipfile.is_zipfile(path):
-        return _of_zip(path, npz)
+    if head.startswith(_PICKLED) or path.suffix.lower() in (".pkl", ".pickle"):
+        return f"{_UNSAFE}, pickle; numpy.savez({npz!r}, **pickle.load(open({name!r}, 'rb')))"
+    if head.startswith(b"\x93NUMPY") and b"'|O'" in head:
+        return f"{_UNSAFE}; numpy.savez({npz!r}, **numpy.load({name!r}, allow_pickle=True).item())"
     if head.startswith(b"\x93NUMPY"):
-        return _of_npy(head, name, npz)
+        return (
+            f"an array without names of columns; give it some in Python: import numpy; a = numpy.load({name!r}); "
+            f"numpy.savez({npz!r}, time=a[:, 0], position=a[:, 1:13], joints=['FL_hip_joint', ...])"
+        )
     if b"MATLAB 7.3" in head[:16]:
         return f"MATLAB's version 7.3 is not read; save it again in MATLAB: save({f'{path.stem}_7.mat'!r}, ..., '-v7')"
     if head.startswith(b"\x89HDF"):
@@ -235,28 +232,16 @@ def refusal(path: Path) -> str:
             f"HDF5 is not read; make a table of it in Python: import h5py, numpy; numpy.savez({npz!r}, "
             f"**{{k: v[()] for k, v in h5py.File({name!r}).items()}})"
         )
-    return ""
-
-
-def _of_zip(path: Path, npz: str) -> str:
-    """For an archive that is not NumPy's: PyTorch's, or files to unpack."""
+    if not head.startswith(b"PK") or not zipfile.is_zipfile(path):
+        return ""
     with zipfile.ZipFile(path) as archive:
         names = archive.namelist()
-    if any(name.endswith("data.pkl") for name in names):
+    if any(one.endswith("data.pkl") for one in names):  # PyTorch's
         return (
-            f"{_UNSAFE}: import numpy, torch; numpy.savez({npz!r}, **{{k: v.numpy() for k, v in "
-            f"torch.load({str(path)!r}, weights_only=True).items()}})"
+            f"{_UNSAFE}, torch; numpy.savez({npz!r}, **{{k: v.numpy() for k, v in torch.load({name!r}, "
+            "weights_only=True).items()})"
         )
-    if any(name.endswith(".npy") for name in names):
+    if any(one.endswith(".npy") for one in names):
         return ""
     inside = ", ".join(names[:3]) + (" ..." if len(names) > 3 else "")
     return f"a zip archive; unpack it and give the log in it: {inside or 'it is empty'}"
-
-
-def _of_npy(head: bytes, name: str, npz: str) -> str:
-    if b"'|O'" in head:
-        return f"{_UNSAFE}: import numpy; numpy.savez({npz!r}, **numpy.load({name!r}, allow_pickle=True).item())"
-    return (
-        "an array without names of columns; give it some in Python: import numpy; a = "
-        f"numpy.load({name!r}); numpy.savez({npz!r}, time=a[:, 0], position=a[:, 1:13], joints=['FL_hip_joint', ...])"
-    )

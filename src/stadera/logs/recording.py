@@ -108,7 +108,7 @@ class Recording:
             _check_shape(values, (len(self.time), *table), name, self.source)
         _check_time(self.time, self.source)
         for name, values in self.arrays().items():
-            _check_values(values, self.columns(name), self.source)
+            check_values(values, self.columns(name), self.source)
 
     @classmethod
     def from_arrays(
@@ -186,9 +186,7 @@ class Recording:
             require: what each of these joints needs: velocity, acceleration, effort; and "imu".
             imu_frame: frame of the IMU's values; None for the one in a pyarrow table's metadata.
             source: a name for messages.
-            columns: a map of columns or its file, or a preset's name; None to recognise them by their names.
-            units: of the columns, such as "deg,ms", if neither their names nor the map states them.
-            pd: gains "kp,kd" for computing efforts from desired positions, if no efforts are recorded.
+            columns, units, pd: see `stadera.logs.topics.Reading.of`.
 
         Raises:
             RecordingError: a column is missing, misspelled or not numeric, or time does not increase.
@@ -256,6 +254,14 @@ class Recording:
         velocity = None if self.velocity is None else self.channel("velocity", found)
         return replace(self, others=OtherJoints(found, self.channel("position", found), velocity))
 
+    def of_joints(self, joints: Sequence[str]) -> Recording:
+        """The same samples of these joints, in this order; UnknownNameError if one is not recorded."""
+        found = tuple(joints)
+        if found == self.joints:
+            return self
+        kept: dict[str, Any] = {c: self.channel(c, found) for c in CHANNELS if getattr(self, c) is not None}
+        return replace(self, joints=found, **kept)
+
     def channel(self, name: str, joints: tuple[str, ...]) -> Array:
         """One of position, velocity, acceleration, effort for the named joints, (samples, len(joints)).
 
@@ -289,14 +295,19 @@ def _check_shape(values: NDArray[Any], shape: tuple[int, ...], name: str, source
         raise RecordingError(f"{source}: {name} needs shape {shape}, got {values.shape}{hint}")
 
 
-def _check_values(values: NDArray[Any], columns: tuple[str, ...], source: str) -> None:
-    largest = largest_of(columns[0]) if columns else 0.0
-    if values.size and not (values.max() <= largest and values.min() >= -largest):
-        good = np.abs(values) <= largest
-        sample, column = np.argwhere(~good.reshape(len(values), -1))[0]
-        value = values.reshape(len(values), -1)[sample, column]
-        what = f"{value:.3g}, more than any sensor says" if np.isfinite(value) else "not finite"
-        raise RecordingError(f"{source}: column {columns[column]!r} is {what} at sample {sample}")
+def check_values(
+    values: NDArray[Any], columns: Sequence[str], source: str, samples: NDArray[np.int64] | None = None
+) -> None:
+    """Checks that values (samples, columns) are finite and plausible; `samples` are their indices in the log. Raises
+    RecordingError.
+    """
+    table, largest = values.reshape(len(values), -1), np.array([largest_of(column) for column in columns])
+    if not table.size or ((table.max(axis=0) <= largest) & (table.min(axis=0) >= -largest)).all():
+        return
+    sample, column = np.argwhere(~(np.abs(table) <= largest))[0]
+    value, at = table[sample, column], sample if samples is None else samples[sample]
+    most = f", more than any sensor says in SI units (at most {largest[column]:g})" if np.isfinite(value) else ""
+    raise RecordingError(f"{source}: column {columns[column]!r} is {value:.3g} at sample {at}{most}")
 
 
 def _check_time(time: Array, source: str) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from functools import cache
 from math import isfinite, pi
 
 import numpy as np
@@ -133,6 +134,7 @@ def _quantities_of(unit: str) -> list[str]:
     return found
 
 
+@cache
 def largest_of(column: str) -> float:
     """Largest plausible value of a column of the flat table: `<joint>.<quantity>`, `imu.<quantity>.<axis>`, ..."""
     parts = column.split(".")

@@ -1,6 +1,7 @@
 """Chooses the topics of a bag: by type, by the requested joints and by namespace; else the user must choose."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import islice
 
@@ -59,14 +60,11 @@ def choose(
     imu = None
     if not is_low_state(found[joint]) or topics.imu not in (None, joint):
         imu = _imu_topic(bag, found, topics.imu, joint, states, settings)
-    read = f"joints read from {joint} ({found[joint].kind}), IMU from {imu or _own(found[joint]) or 'none'}"
+    own = "the same messages" if is_low_state(found[joint]) else "none"
+    read = f"joints read from {joint} ({found[joint].kind}), IMU from {imu or own}"
     others = sorted(set(states) - {joint})
     left = f"; other topics of joints: {', '.join(others)}; --joint-topic chooses" if others else ""
     return Choice(joint, imu, (read + left,))
-
-
-def _own(topic: Topic) -> str:
-    return "the same messages" if is_low_state(topic) else ""
 
 
 def _states(found: Mapping[str, Topic], encoding: str, asked: str | None) -> list[str]:
@@ -151,21 +149,14 @@ def _measured(
         elif all(len(messages) > 1 for messages in first.values()):
             break
     bag.damage.clear()  # reported again when the bag is read
-    return [_candidate(name, found[name], bag.container.encoding, first[name], joints, settings) for name in names]
-
-
-def _candidate(
-    name: str,
-    topic: Topic,
-    encoding: str,
-    messages: Sequence[Message],
-    joints: Sequence[str] | None,
-    settings: BagSettings,
-) -> _Candidate:
-    span = 1e-9 * (messages[-1].received - messages[0].received) if len(messages) > 1 else 0.0
-    rate = (len(messages) - 1) / span if span else float("nan")
-    names = () if topic.kind == IMU else tuple(_joints(topic, encoding, messages, joints, settings))
-    return _Candidate(name, topic.kind, rate, names)
+    candidates = []
+    for name, messages in first.items():
+        span = 1e-9 * (messages[-1].received - messages[0].received) if len(messages) > 1 else 0.0
+        rate = (len(messages) - 1) / span if span else float("nan")
+        states = found[name].kind != IMU
+        known = _joints(found[name], bag.container.encoding, messages, joints, settings) if states else ()
+        candidates.append(_Candidate(name, found[name].kind, rate, tuple(dict.fromkeys(known))))
+    return candidates
 
 
 def _joints(
@@ -173,10 +164,6 @@ def _joints(
 ) -> Iterator[str]:
     """Joints in the first readable messages."""
     decode = decoder(topic, encoding, joints, settings)
-    seen: dict[str, None] = {}
     for message in messages[:8]:
-        try:
-            seen |= dict.fromkeys(joints_in(decode([message])[0].columns))
-        except Exception:  # the libraries raise many kinds of errors on damaged bytes
-            continue
-    yield from seen
+        with suppress(Exception):  # the libraries raise many kinds of errors on damaged bytes
+            yield from joints_in(decode([message])[0].columns)
