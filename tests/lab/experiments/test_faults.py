@@ -12,7 +12,7 @@ import pytest
 from stadera.fleet.pool import Pool
 from stadera.lab.experiments import faults
 from stadera.lab.experiments.fault_kinds import FORCES, SIGNAL_FAULTS
-from stadera.lab.experiments.faults import CLEAN, LOAD, FaultCase, FaultyLog, LogCase, cases, weigh_faulty
+from stadera.lab.experiments.faults import CLEAN, HOW, FaultCase, FaultyLog, LogCase, cases, weigh_faulty
 from stadera.lab.experiments.result import ExperimentResult
 from stadera.lab.experiments.runner import ReproduceSettings, run_grid
 from stadera.lab.scenarios.run import simulate
@@ -45,7 +45,7 @@ def test_the_grid_has_every_fault_for_every_robot_motion_and_seed() -> None:
     grid = cases(ReproduceSettings())
     weighings = [FaultCase(case.log, fault) for case in grid for fault in case.faults]
     assert len(weighings) == len(set(weighings)) == 6 * 4 * 8 * (1 + len(SIGNAL_FAULTS) + len(FORCES)) > 10_000
-    assert {case.log.share for case in weighings} == {0.0, LOAD}
+    assert {case.log.share for case in weighings} == {0.0, HOW.load}
     assert sum(len(case.faults) for case in cases(ReproduceSettings(quick=True))) > 200
     pushed = [case for case in weighings if case.fault in FORCES]
     assert all(case.log.force == case.fault and not case.log.share for case in pushed)

@@ -37,12 +37,19 @@ PAPER = Paper.of("faults")
 
 ROBOTS = ("hyq", "go2", "anymal_b", "anymal_c", "b1", "a1")
 SCENARIOS = ("trot", "crawl", "shake", "stand")
-SEEDS = 8
-LOAD = 0.10
-"""Load added in every other log, as a share of the robot's mass."""
-
 CLEAN = "none"
 """The unmodified log."""
+
+
+@dataclass(frozen=True)
+class FaultSettings:
+    """Settings of the study."""
+
+    seeds: int = 8  # by default
+    load: float = 0.10  # added in every other log, as a share of the robot's mass
+
+
+HOW = FaultSettings()
 
 
 @dataclass(frozen=True)
@@ -105,11 +112,11 @@ class FaultyLog:
 def cases(settings: ReproduceSettings) -> list[FaultyLog]:
     """All combinations of faults, robots, motions and seeds, and logs without a fault; few in a quick study."""
     signals = (CLEAN, *tuple(SIGNAL_FAULTS)[:: 2 if settings.quick else 1])
-    seeds = settings.seeds or (1 if settings.quick else SEEDS)
+    seeds = settings.seeds or (1 if settings.quick else HOW.seeds)
     found = []
     for robot, scenario, k in product(ROBOTS[: 2 if settings.quick else None], SCENARIOS, range(seeds)):
         seed = settings.seed + k
-        found.append(FaultyLog(LogCase(robot, scenario, seed, LOAD if seed % 2 else 0.0), signals))
+        found.append(FaultyLog(LogCase(robot, scenario, seed, HOW.load if seed % 2 else 0.0), signals))
         found += [FaultyLog(LogCase(robot, scenario, seed, force=force), (force,)) for force in FORCES]
     return found
 

@@ -179,9 +179,6 @@ def longest_spell(time: Array, true: Bools) -> float:
     return float((time[ends] - time[begins]).max()) if len(begins) else 0.0
 
 
-STAND = 1.0
-"""Time for which the robot stands before it walks [s]: enough to weigh the tare."""
-
 CORNERS = {"LF": (1, 1), "RF": (1, -1), "LH": (-1, 1), "RH": (-1, -1)}
 """Signs of x and y of the trunk's corners."""
 
@@ -200,6 +197,7 @@ class LoadedWalkCase:
 
     robot: str = "hyq"
     payload: Payload | None = None  # the load added; None for none
+    stand: float = 1.0  # time for which the robot stands before it walks [s]: enough to weigh the tare
     load_at: float = 5.0  # time at which it is added [s]
     unload_at: float = np.inf  # time at which all loads are removed [s]; never by default
     supervision: Supervision = Supervision.STOPPING  # without it, controller and planner keep the model file's trunk
@@ -323,7 +321,7 @@ class LoadedWalk:
         self._bare, self._step_time = plant.truth(), self.crawl.settings.timing(self.crawl.command).step
         effort = np.array([robot.limits[joint].effort for joint in robot.tree.joints])
         self._brake = np.where(np.isfinite(effort), effort / self.braked, 0.0)
-        events = [(STAND, self._begin), (case.load_at, self._load), (case.unload_at, plant.remove_payload)]
+        events = [(case.stand, self._begin), (case.load_at, self._load), (case.unload_at, plant.remove_payload)]
         self._events = sorted(events, key=lambda event: event[0])
         self.supervisor: StoppingSupervisor | NonstopSupervisor | None = None
         if case.supervision is Supervision.STOPPING:

@@ -17,7 +17,6 @@ from stadera.constants import GRAVITY
 from stadera.lab.control.steps import CrawlCommand, CrawlSettings
 from stadera.lab.experiments.loaded_walk import (
     CORNERS,
-    STAND,
     LoadedWalk,
     LoadedWalkCase,
     LoadedWalkOutcome,
@@ -133,7 +132,7 @@ def survive(case: SurvivalCase) -> Outcome:
         "state": str(outcome.state),
         "said": outcome.transitions[-1].reason if outcome.transitions else "",
         "distance": outcome.trace.distance,
-        "walked": float(outcome.trace.time[-1]) - STAND,
+        "walked": float(outcome.trace.time[-1]) - walk.stand,
     }
 
 

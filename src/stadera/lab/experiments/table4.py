@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import product
 from typing import Literal
 
@@ -32,9 +32,17 @@ PAPER = Paper.of("table4")
 Kind = Literal["torque", "foot"]
 Reading = Literal["run", "sample", "drive", "misled"]
 
-_LOAD = 100.0  # N
-_SEEDS = 3
-_LONG_HOLD = StandingTimes(hold=4.0)
+
+@dataclass(frozen=True)
+class Table4Settings:
+    """Settings of the runs."""
+
+    load: float = 100.0  # [N]
+    seeds: int = 3  # where the error is constant over a run
+    averaged: StandingTimes = field(default_factory=lambda: StandingTimes(hold=4.0))  # where it is new in every sample
+
+
+_HOW = Table4Settings()
 _METHODS = ("orientation", "contact", "combined")
 _READINGS: dict[Reading, str] = {
     "run": "measured, constant over a run",
@@ -89,9 +97,9 @@ class ErrorColumn:
     def case(self, method: str, seed: int) -> StandingCase:
         """The run of a method under this error."""
         drawn: Literal["run", "sample"] = "sample" if self.reading == "sample" else "run"
-        plain = StandingCase("hyq", method, _LOAD, seed=seed, height=False)
+        plain = StandingCase("hyq", method, _HOW.load, seed=seed, height=False)
         if drawn == "sample":  # it averages out, over every sample and over time
-            plain = replace(plain, every=1, times=_LONG_HOLD)
+            plain = replace(plain, every=1, times=_HOW.averaged)
         if self.reading == "drive":
             return replace(plain, drive_offset=Gaussian(self.mean, self.std))
         if self.kind == "torque":
@@ -102,7 +110,7 @@ class ErrorColumn:
     @property
     def runs(self) -> int:
         """Number of seeds: errors that average out need one."""
-        return 1 if self.reading == "sample" else _SEEDS
+        return 1 if self.reading == "sample" else _HOW.seeds
 
     def named(self, method: str) -> dict[str, str | float]:
         """Description of a method's case under this error."""
@@ -163,8 +171,8 @@ def summary(cases: Sequence[ErrorCase], outcomes: Sequence[StandingOutcome]) -> 
         records,
         [_table(kind, records) for kind in _ERRORS if kind in kinds],
         facts={
-            "Robot": f"hyq, {_LOAD:g} N",
-            "Seeds": f"{_SEEDS} where the error is constant over a run, medians; else one",
+            "Robot": f"hyq, {_HOW.load:g} N",
+            "Seeds": f"{_HOW.seeds} where the error is constant over a run, medians; else one",
             "Combined": "static poses, torque offsets and feet as unknowns; given neither kind nor size of the error",
         },
         notes=(

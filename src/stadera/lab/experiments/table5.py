@@ -19,8 +19,6 @@ from stadera.robot import load_robot
 
 PAPER = Paper.of("table5")
 
-_SEEDS = 5
-
 
 @dataclass(frozen=True)
 class Table5Times:
@@ -121,7 +119,8 @@ class _LoadedRun:
 
 def cases(settings: ReproduceSettings) -> list[Table5Case]:
     """All loads, several seeds each."""
-    seeds = range(settings.seed, settings.seed + (1 if settings.quick else _SEEDS))
+    count = 1 if settings.quick else 5
+    seeds = range(settings.seed, settings.seed + count)
     return [Table5Case(float(load), seed) for load in PAPER.values for seed in seeds]
 
 

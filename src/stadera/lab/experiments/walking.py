@@ -36,7 +36,6 @@ ROBOTS = ("hyq", "go2", "anymal_c", "b1")
 GAITS: tuple[Gait, ...] = ("crawl", "trot", "shake")
 ERRORS = ("standard", "harsh")
 SHARES = (0.05, 0.10, 0.25)
-SEEDS = 5
 WALKING = "walking"
 METHODS: Mapping[str, str] = {
     WALKING: "walking",
@@ -59,8 +58,9 @@ PLACES = tuple(_TOWARDS)
 
 @dataclass(frozen=True)
 class WalkSettings:
-    """Settings of a run."""
+    """Settings of the runs."""
 
+    seeds: int = 5  # by default
     still: float = 0.3  # time before it moves [s]
     # by gait, time in motion before the load [s]
     before: Mapping[Gait, float] = field(default_factory=lambda: {"crawl": 6.0, "trot": 3.0, "shake": 3.0})
@@ -93,7 +93,7 @@ def cases(settings: ReproduceSettings) -> list[WalkingCase]:
         return [WalkingCase(name, "trot", 0.10, "left hind", "standard", settings.seed, OTHERS) for name in ROBOTS[:2]]
     return [
         WalkingCase(robot, gait, share, place, errors, settings.seed + k, OTHERS)
-        for k in range(settings.seeds or SEEDS)
+        for k in range(settings.seeds or _HOW.seeds)
         for errors in ERRORS
         for robot in ROBOTS
         for gait in GAITS
