@@ -16,8 +16,7 @@ from stadera.robot import load_robot
 from stadera.robot.imu import ImuMount
 from stadera.robot.stance import standing_configuration
 from stadera.trunk import Measurement, Status, TrunkEstimate, TrunkModel
-from stadera.trunk.standing.forces import ContactForceEstimator
-from stadera.trunk.standing.noise import ForceNoise
+from stadera.trunk.standing.forces import ContactForceEstimator, ForceNoise
 
 ROBOT = load_robot("hyq")
 

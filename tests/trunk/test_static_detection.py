@@ -17,8 +17,8 @@ from stadera.robot.stance import standing_configuration
 from stadera.trunk import ContactForceEstimator, Measurement, StaticDetector, StaticLimits, Status, TrunkBounds
 from stadera.trunk.measurement import measurements_of
 from stadera.trunk.standing.detection import VelocityNoise
+from stadera.trunk.standing.forces import measurements_without_imu
 from stadera.trunk.standing.poses import SETTLED
-from stadera.trunk.standing.vertical import measurements_without_imu
 from stadera.weigh.rest import times_at_rest
 from standing import StandingRobot
 

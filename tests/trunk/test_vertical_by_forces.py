@@ -19,10 +19,8 @@ from stadera.robot.stance import standing_configuration
 from stadera.trunk import ConstantErrors, ContactForceEstimator, Measurement, Status
 from stadera.trunk.model import TrunkBounds, TrunkModel
 from stadera.trunk.standing.equilibrium import equilibrium_rows, weight_felt
-from stadera.trunk.standing.fit import centre_of, with_errors, with_poses
-from stadera.trunk.standing.pose_means import Alike, PoseMean
-from stadera.trunk.standing.poses import plausible
-from stadera.trunk.standing.vertical import measurements_without_imu, vertical_by_forces
+from stadera.trunk.standing.forces import measurements_without_imu, vertical_by_forces
+from stadera.trunk.standing.poses import Alike, PoseMean, centre_of, plausible, with_errors, with_poses
 from standing import GRAVITY, StandingRobot
 
 HYQ = load_robot("hyq")
@@ -108,8 +106,8 @@ def test_tilted_poses_show_the_height() -> None:
 def solved(poses: list[PoseMean]) -> tuple[float, np.ndarray, np.ndarray]:
     """Mass, centre of mass and covariance by approach (a)."""
     for p in poses:
-        rows = equilibrium_rows(FORCES, p.measurement, p.count, np.zeros(39), 0.0, p.effort_covariance)
-        assert len(rows.target) == 4
+        _, target = equilibrium_rows(FORCES, p.measurement, p.count, np.zeros(39), 0.0, p.effort_covariance)
+        assert len(target) == 4
     known = with_poses(plausible(TrunkModel.prior(HYQ), TrunkBounds.of(HYQ)), FORCES, poses)
     value, covariance = centre_of(with_errors(known, ERRORS, seek=False))
     return float(value[0]), value[1:], covariance

@@ -9,8 +9,7 @@ import numpy as np
 from stadera.robot import load_robot
 from stadera.robot.stance import standing_configuration
 from stadera.trunk import ConstantErrors, ContactForceEstimator, Measurement
-from stadera.trunk.standing.payload import payload_between
-from stadera.trunk.standing.pose_means import Alike, PoseMean
+from stadera.trunk.standing.poses import Alike, PoseMean, payload_between
 from standing import StandingRobot
 
 ROBOT = load_robot("hyq")

@@ -9,12 +9,9 @@ from stadera.trunk.registry import METHODS, Method, Setup, make_estimator
 from stadera.trunk.result import TrunkParameters
 from stadera.trunk.samples import Samples
 from stadera.trunk.settings import ChangeSettings, ModelErrors, OutlierSettings, SwingDetection, TrunkSettings
-from stadera.trunk.standing.contact import ground_normal
 from stadera.trunk.standing.detection import StaticDetector, StaticLimits
 from stadera.trunk.standing.equilibrium import ConstantErrors
-from stadera.trunk.standing.forces import ContactForceEstimator
-from stadera.trunk.standing.legs import MeasuredLegs
-from stadera.trunk.standing.noise import ForceNoise
+from stadera.trunk.standing.forces import ContactForceEstimator, ForceNoise, MeasuredLegs, ground_normal
 from stadera.trunk.standing.poses import PosesCom
 
 __all__ = [

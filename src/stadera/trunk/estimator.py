@@ -150,15 +150,17 @@ class TrunkEstimator:
         if table is not None:
             self.add_table(table)
 
-    def add(self, samples: Samples) -> None:
+    def add(self, samples: Samples | Sequence[Measurement]) -> None:
         """Processes any number of samples, equivalent to as many calls of `update`.
 
         Samples that are not finite or go back in time are skipped and reported. Signals are not differentiated across a
         gap.
 
         Raises:
-            RecordingError: anything but `Samples`.
+            RecordingError: anything but `Samples`, or measurements.
         """
+        if isinstance(samples, list | tuple) and samples and isinstance(samples[0], Measurement):
+            samples = Samples.of(samples)
         if not isinstance(samples, Samples):
             raise RecordingError(f"add takes stadera.trunk.Samples, got {type(samples).__name__}; one sample: update")
         self.add_table(samples.table)

@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import isfinite, sqrt
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from stadera.inertia import InertialParameters
+from stadera.inertia import ORDER, InertialParameters
+from stadera.results import finite_or_none
 from stadera.types import Array
 
 if TYPE_CHECKING:
@@ -19,6 +20,8 @@ SIGNIFICANT = 3.0
 """Standard deviations from zero above which a payload's mass, and its moments of inertia, are reported."""
 
 ChangeKind = Literal["on", "off", "shifted"]
+TENSOR = tuple(name.removeprefix("I") for name in ORDER[4:])
+"""Names of an inertia's components: xx, xy, xz, yy, yz, zz."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,6 +63,20 @@ class Payload:
     def com_std(self) -> Array:
         """Standard deviation of the centre of mass, (3,) [m], NaN where not observed."""
         return np.sqrt(np.diag(self.com_covariance))
+
+    def to_dict(self, frame: str, mark: dict[str, bool]) -> dict[str, Any]:
+        """Plain values for JSON, in the named frame; `mark` is added to mass and centre of mass."""
+        tensor = None if self.inertia is None else self.inertia[np.triu_indices(3)].tolist()
+        std = None if self.inertia_std is None else self.inertia_std.tolist()
+        return {
+            "mass": mass_quantity(self.mass, self.mass_std, self.mass_std_without_scale) | mark,
+            "com": {"value": plain(self.com), "std": plain(self.com_std)} | mark,
+            "com_covariance": [plain(row) for row in self.com_covariance],
+            "inertia": tensor and dict(zip(TENSOR, tensor, strict=True)),
+            "inertia_std": std and dict(zip(TENSOR, std, strict=True)),
+            "frame": frame,
+            "inertia_about": "com",
+        }
 
     @classmethod
     def of_parameters(cls, vector: Array, covariance: Array, limit: float) -> Payload:
@@ -112,6 +129,11 @@ class LoadChange:
     kind: ChangeKind
     mass_std_without_scale: float | None = None
 
+    def to_dict(self, mark: dict[str, bool]) -> dict[str, Any]:
+        """Plain values for JSON; `mark` is added to the mass."""
+        mass = mass_quantity(self.mass, self.mass_std, self.mass_std_without_scale) | mark
+        return {"time": self.time, "noticed": self.noticed, "kind": self.kind, "mass": mass}
+
 
 def since_tare(changes: Sequence[LoadChange], payload: Payload | None) -> tuple[LoadChange, ...]:
     """The changes since a tare. If there is one only, it is the payload and gets the payload's mass, so both agree."""
@@ -131,6 +153,25 @@ def scale_of(mass: float, std: float, without: float | None) -> float | None:
 def without_scale(variance: float, by_scale: float) -> float:
     """A mass's standard deviation without the part that the torques' common scale brings."""
     return sqrt(max(variance - by_scale**2, 0.0))
+
+
+def plain(values: Array) -> list[float | None]:
+    """Numbers for JSON, None for NaN."""
+    return [finite_or_none(value) for value in values]
+
+
+def quantity(value: float, std: float) -> dict[str, float | None]:
+    """A value and its standard deviation for JSON, both None if not observed."""
+    seen = isfinite(std) and isfinite(value)
+    return {"value": float(value) if seen else None, "std": float(std) if seen else None}
+
+
+def mass_quantity(value: float, std: float, without: float | None) -> dict[str, float | None]:
+    """A mass for JSON: "std" in all, and apart "std_without_scale" [kg] and "scale" [1], of the scale that all torques
+    have in common.
+    """
+    scale = scale_of(value, std, without)
+    return quantity(value, std) | {"std_without_scale": None if scale is None else without, "scale": scale}
 
 
 def described(body: Payload | TrunkParameters, mass: float) -> str:

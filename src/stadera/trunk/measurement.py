@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from stadera.constants import GRAVITY
 from stadera.errors import RecordingError
 from stadera.logs.recording import Recording
 from stadera.robot.imu import ImuMount, force_at_origin
@@ -39,7 +40,7 @@ class Measurement:
             encoders; None for forward kinematics.
         stance: (4,) bool, legs that are meant to be in stance; None if unknown.
         vertical_by_forces: True if there is no IMU. Then `specific_force` is gravity along the vertical estimated from
-            the feet's forces (`stadera.trunk.standing.vertical`), valid at rest only, and `angular_velocity` is zero.
+            the feet's forces (`stadera.trunk.standing.forces`), valid at rest only, and `angular_velocity` is zero.
         lever: (3,) [m], position of the IMU in the trunk frame.
         extra: (2 k,), positions, then velocities, of the robot's k joints outside the legs; empty if they rest at the
             robot's reference.
@@ -91,37 +92,45 @@ class Measurement:
         return cls(sample.time, q, qd, effort, omega, force, rotation, sample.foot_position, stance, lever=lever)
 
 
-def measurements_of(recording: Recording, robot: Robot, imu_frame: str | None = None) -> Iterator[Measurement]:
+def measurements_of(
+    recording: Recording, robot: Robot, imu_frame: str | None = None, vertical: Array | None = None
+) -> Iterator[Measurement]:
     """Yields a log's samples one by one, as an online estimator would receive them.
 
     Args:
         imu_frame: frame of the IMU's values; None for the recording's own, else the model's.
+        vertical: (samples, 3), unit vectors in trunk axes by the feet's forces, which stand in for the IMU.
 
     Raises:
         RecordingError: the log lacks a joint's velocity or effort, or the IMU.
         UnknownNameError: a joint of the robot is not recorded, or no such frame.
     """
-    joints = robot.tree.joints
-    if recording.imu is None:
-        raise RecordingError(f"{recording.source}: no IMU; estimators need columns imu.angular_velocity.x, ...")
+    imu, n, lever, rotations = recording.imu, len(recording), np.zeros(3), None
     kinds = ("position", "velocity", "effort")
-    q, qd, effort = (np.ascontiguousarray(recording.channel(kind, joints)) for kind in kinds)  # sample by sample
-    imu = recording.imu
-    mount = ImuMount.of(robot, imu_frame or imu.frame)
-    omega, force = mount.in_trunk_axes(imu.angular_velocity), mount.in_trunk_axes(imu.linear_acceleration)
-    stance = meant_stance(recording, robot)
-    extra = extra_states(recording, robot)
-    for k, time in enumerate(recording.time):
+    q, qd, effort = (np.ascontiguousarray(recording.channel(kind, robot.tree.joints)) for kind in kinds)
+    if vertical is not None:
+        omega, force = np.zeros((n, 3)), GRAVITY * vertical
+    elif imu is None:
+        raise RecordingError(f"{recording.source}: no IMU; estimators need columns imu.angular_velocity.x, ...")
+    else:
+        mount = ImuMount.of(robot, imu_frame or imu.frame)
+        omega, force = mount.in_trunk_axes(imu.angular_velocity), mount.in_trunk_axes(imu.linear_acceleration)
+        lever = mount.translation
+        if imu.orientation is not None:
+            rotations = (mount.trunk_rotation(rotation_matrix(each)) for each in imu.orientation)
+    stance, extra = meant_stance(recording, robot), extra_states(recording, robot)
+    for k, time in enumerate(recording.time.tolist()):
         yield Measurement(
-            time=float(time),
+            time=time,
             joint_position=q[k],
             joint_velocity=qd[k],
             effort=effort[k],
             angular_velocity=omega[k],
             specific_force=force[k],
-            rotation=None if imu.orientation is None else mount.trunk_rotation(rotation_matrix(imu.orientation[k])),
+            rotation=None if rotations is None else next(rotations),
             stance=None if stance is None else stance[k],
-            lever=mount.translation,
+            vertical_by_forces=vertical is not None,
+            lever=lever,
             extra=extra[k],
         )
 

@@ -1,21 +1,31 @@
-"""Protocol of the online estimators of the trunk, which process one measurement at a time.
+"""What an estimator of the trunk is, at rest or moving; `weigh` and the laboratory know nothing else of it.
 
 An estimator never raises because of the robot's motion: it refuses a measurement with a reason, and keeps its last good
-estimate.
+estimate. One that takes a measurement at a time needs `update` and `estimate` only, and `StepEstimator` does the rest.
 """
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 import numpy as np
 
 from stadera.errors import StaderaError
+from stadera.inertia import InertialParameters
+from stadera.robot.model import Robot
+from stadera.trunk.load import LoadChange, Payload, centre_slope
 from stadera.trunk.measurement import Measurement
 from stadera.trunk.model import TrunkModel
+from stadera.trunk.result import ObservedLimits, TrunkParameters
+from stadera.trust import Trust
 from stadera.types import Array, Bools
+
+if TYPE_CHECKING:
+    from stadera.trunk.samples import Samples
 
 
 class Status(StrEnum):
@@ -78,7 +88,7 @@ def unobserved() -> Array:
 
 @runtime_checkable
 class Estimator(Protocol):
-    """Protocol of all online estimators."""
+    """What a class must do to be an estimator."""
 
     def update(self, measurement: Measurement) -> None:
         """Processes one measurement, or refuses it. Times must increase."""
@@ -87,3 +97,115 @@ class Estimator(Protocol):
     def estimate(self) -> TrunkEstimate:
         """The present estimate."""
         ...
+
+
+@runtime_checkable
+class Weigher(Estimator, Protocol):
+    """All that is known of an estimator when a log is weighed by it; what it does not estimate is empty."""
+
+    def add(self, samples: Samples | Sequence[Measurement]) -> None:
+        """Processes any number of measurements, equivalent to as many calls of `update`."""
+        ...
+
+    @property
+    def trunk(self) -> TrunkParameters:
+        """The trunk, with all that is on it."""
+        ...
+
+    @property
+    def payload(self) -> Payload | None:
+        """Mass added since the tare; None without one."""
+        ...
+
+    @property
+    def changes(self) -> tuple[LoadChange, ...]:
+        """Changes of the load so far, in order."""
+        ...
+
+    @property
+    def trust(self) -> Trust:
+        """How well the model explains the measurements so far."""
+        ...
+
+    def tare(self) -> None:
+        """Makes the present trunk the reference for `payload`."""
+        ...
+
+
+class StepEstimator(ABC):
+    """A `Weigher` made of `update` and `estimate`.
+
+    The payload is the difference of its estimates now and at the tare, whose errors count as independent. Subclasses
+    set `robot`.
+    """
+
+    robot: Robot
+    _tared: TrunkEstimate | None = None
+
+    @abstractmethod
+    def update(self, measurement: Measurement) -> None:
+        """See `Estimator`."""
+
+    @abstractmethod
+    def estimate(self) -> TrunkEstimate:
+        """See `Estimator`."""
+
+    def add(self, samples: Samples | Sequence[Measurement]) -> None:
+        """Processes any number of measurements."""
+        for measurement in samples:
+            self.update(measurement)
+
+    def tare(self) -> None:
+        """Makes the present estimate the reference for `payload`."""
+        self._tared = self.estimate()
+
+    @property
+    def trunk(self) -> TrunkParameters:
+        """The estimate, with the model's inertia."""
+        found, inertia = self.estimate(), self.robot.inertias[self.robot.trunk].inertia_com
+        body = InertialParameters.from_com(found.trunk.mass, found.trunk.com_trunk, inertia)
+        observed = np.concatenate([found.observed, np.zeros(6, dtype=bool)])
+        return TrunkParameters(body, found.covariance, np.full(6, np.nan), observed)
+
+    @property
+    def payload(self) -> Payload | None:
+        """Difference from the tare; None without one."""
+        if self._tared is None:
+            return None
+        total, moments = np.zeros((4, 4)), np.zeros(4)
+        for found, sign in ((self.estimate(), 1.0), (self._tared, -1.0)):
+            mass, centre = found.value[0], found.value[1:]
+            moments += sign * np.array([mass, *(mass * centre)])
+            slope = np.linalg.inv(centre_slope(np.array([mass, *(mass * centre)])))
+            seen = found.observed
+            unknown = np.full(4, (10.0 * self.robot.leg_length) ** 2)  # a centre that was not observed, nor is now
+            covariance = np.where(np.outer(seen, seen), np.nan_to_num(found.covariance), np.diag(~seen * unknown))
+            total += slope @ covariance @ slope.T
+        return Payload.of_moments(moments, total, np.full(3, ObservedLimits().com * self.robot.leg_length))
+
+    @property
+    def changes(self) -> tuple[LoadChange, ...]:
+        """None are detected."""
+        return ()
+
+    @property
+    def trust(self) -> Trust:
+        """Doubtful: nobody has evaluated this estimator's fit."""
+        if self.estimate().status is Status.WAITING:
+            return Trust("doubtful", np.nan, {}, ("too few samples yet for an estimate",))
+        return Trust("doubtful", np.nan, {}, ("weighed by an own estimator, whose fit is not evaluated",))
+
+
+class OwnEstimator(StepEstimator):
+    """A user's object that has `update` and `estimate`."""
+
+    def __init__(self, own: Estimator, robot: Robot) -> None:
+        self.robot, self._own = robot, own
+
+    def update(self, measurement: Measurement) -> None:
+        """The user's own."""
+        self._own.update(measurement)
+
+    def estimate(self) -> TrunkEstimate:
+        """The user's own."""
+        return self._own.estimate()

@@ -1,5 +1,7 @@
-"""Registry of the methods that estimate the trunk. A new method is one file and an entry here, or a user's own file:
-`FILE.py:Name`, of a class that is made with the robot and follows `stadera.trunk.protocol.Estimator`.
+"""Registry of the methods that estimate the trunk.
+
+A new method is one file and an entry here; or a user's class that is made with the robot and follows
+`stadera.trunk.protocol.Estimator`, named as `FILE.py:Name` or by an entry point of the group "stadera.estimators".
 """
 
 from __future__ import annotations
@@ -8,6 +10,7 @@ import importlib.util
 import inspect
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from importlib.metadata import entry_points
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -18,9 +21,13 @@ from stadera.robot.model import Robot
 from stadera.trunk.estimator import TrunkEstimator
 from stadera.trunk.model import TrunkModel
 from stadera.trunk.posture import PostureLaw
-from stadera.trunk.protocol import Estimator
+from stadera.trunk.protocol import OwnEstimator, Weigher
+from stadera.trunk.settings import TrunkSettings
 from stadera.trunk.standing.forces import ContactForceEstimator
 from stadera.trunk.standing.poses import COMBINED, PosesCom
+
+GROUP = "stadera.estimators"
+"""Group of the entry points of installed packages that are methods, too."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,6 +40,7 @@ class Setup:
         forces: estimator of contact forces; None for a new one.
         posture: control law that holds the trunk, for methods that need it; None if unknown.
         mount: of the IMU that supplies the values; None for the model's.
+        settings: of the estimator for any motion; None for the defaults.
     """
 
     robot: Robot
@@ -40,24 +48,27 @@ class Setup:
     forces: ContactForceEstimator | None = None
     posture: PostureLaw | None = None
     mount: ImuMount | None = None
+    settings: TrunkSettings | None = None
 
 
 @dataclass(frozen=True)
 class Method:
-    """A method that estimates the centre of mass.
+    """A method that estimates the trunk.
 
     Attributes:
         summary: one line on what it uses.
         make: constructs an estimator.
         needs_imu: False if it works with joints alone.
+        at_rest: True if it finds the centre of mass of a robot that stands still, and nothing in motion.
     """
 
     summary: str
-    make: Callable[[Setup], Estimator]
+    make: Callable[[Setup], Weigher]
     needs_imu: bool = True
+    at_rest: bool = False
 
 
-def _orientation(setup: Setup) -> Estimator:
+def _orientation(setup: Setup) -> Weigher:
     if setup.posture is None:
         raise IdentificationError("the method 'orientation' needs the trunk controller's stiffness and reference")
     from stadera.lab.laws.orientation import OrientationCom
@@ -65,7 +76,7 @@ def _orientation(setup: Setup) -> Estimator:
     return OrientationCom(setup.robot, setup.posture, setup.start, setup.forces)
 
 
-def _contact(setup: Setup) -> Estimator:
+def _contact(setup: Setup) -> Weigher:
     from stadera.lab.laws.contact_com import ContactCom
 
     return ContactCom(setup.robot, setup.start, setup.forces)
@@ -74,18 +85,24 @@ def _contact(setup: Setup) -> Estimator:
 METHODS: Mapping[str, Method] = MappingProxyType(
     {
         "poses": Method(
-            "least squares over static poses", lambda s: PosesCom(s.robot, s.start, s.forces), needs_imu=False
+            "least squares over static poses",
+            lambda s: PosesCom(s.robot, s.start, s.forces),
+            needs_imu=False,
+            at_rest=True,
         ),
-        "orientation": Method("steps by the trunk's orientation error under a known controller", _orientation),
-        "contact": Method("steps by the contact forces' line of action", _contact),
+        "orientation": Method(
+            "steps by the trunk's orientation error under a known controller", _orientation, at_rest=True
+        ),
+        "contact": Method("steps by the contact forces' line of action", _contact, at_rest=True),
         "combined": Method(
             "static poses, with torque offsets and feet as unknowns",
             lambda s: PosesCom(s.robot, s.start, s.forces, COMBINED),
             needs_imu=False,
+            at_rest=True,
         ),
         "walking": Method(
             "every instant, whatever the motion; torque offsets as unknowns",
-            lambda s: TrunkEstimator(s.robot, start=s.start, mount=s.mount),
+            lambda s: TrunkEstimator(s.robot, start=s.start, settings=s.settings, mount=s.mount),
         ),
     }
 )
@@ -98,46 +115,55 @@ def is_own(name: str) -> bool:
 
 
 def method_of(name: str) -> Method:
-    """The method of a name in `METHODS`, or in a user's file.
+    """The method of a name in `METHODS`, in a user's file, or of an installed package.
 
     Raises:
         UnknownNameError: no such method, or no such class in the file.
-        IdentificationError: the file cannot be read or imported, or the class is no estimator.
+        IdentificationError: the file or package cannot be read or imported, or the class is no estimator.
     """
-    if not is_own(name):
-        if name not in METHODS:
-            raise UnknownNameError("method", name, [*METHODS, "FILE.py:Name"])
+    if name in METHODS:
         return METHODS[name]
+    installed = entry_points(group=GROUP)
+    if not is_own(name) and name not in installed.names:
+        raise UnknownNameError("method", name, [*METHODS, *sorted(installed.names), "FILE.py:Name"])
     file, _, called = name.rpartition(":")
+    try:
+        made: Any = _class_in(file, called) if is_own(name) else installed[name].load()
+    except (UnknownNameError, IdentificationError):
+        raise
+    except Exception as error:
+        where = file or f"the entry point {name!r}"
+        raise IdentificationError(f"--method {name}: {where} cannot be imported: {error}") from error
+    if missing := [part for part in ("update", "estimate") if not callable(getattr(made, part, None))]:
+        raise IdentificationError(f"--method {name}: {called} has no {' and no '.join(missing)}; an estimator has both")
+    summary = (inspect.getdoc(made) or "an own estimator").splitlines()[0]
+    return Method(summary, lambda setup: _own(made(setup.robot), setup.robot))
+
+
+def _class_in(file: str, called: str) -> Any:
+    """A class of a user's file."""
     path = Path(file)
     if not path.is_file():
-        raise IdentificationError(f"--method {name}: no such file {file!r}")
+        raise IdentificationError(f"--method {file}:{called}: no such file {file!r}")
     spec = importlib.util.spec_from_file_location(path.stem, path)
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
-    try:
-        spec.loader.exec_module(module)
-    except Exception as error:
-        raise IdentificationError(f"--method {name}: {file} cannot be imported: {error}") from error
+    spec.loader.exec_module(module)
     found = {key: value for key, value in vars(module).items() if inspect.isclass(value)}
-    own = [key for key, value in found.items() if value.__module__ == module.__name__]
     if called not in found:
+        own = [key for key, value in found.items() if value.__module__ == module.__name__]
         raise UnknownNameError("estimator", called, own, file)
-    made: Any = found[called]
-    if missing := [part for part in ("update", "estimate") if not callable(getattr(made, part, None))]:
-        raise IdentificationError(f"--method {name}: {called} has no {' and no '.join(missing)}; an estimator has both")
-    summary = (inspect.getdoc(made) or "an own estimator").splitlines()[0]
-    return Method(summary, lambda setup: made(setup.robot))
+    return found[called]
 
 
-def make_estimator(name: str, setup: Setup, methods: Mapping[str, Method] = METHODS) -> Estimator:
-    """Constructs an estimator of the named method.
+def _own(made: Any, robot: Robot) -> Weigher:
+    """A user's estimator; one that has only `update` and `estimate` gets the rest."""
+    return made if isinstance(made, Weigher) else OwnEstimator(made, robot)
 
-    Args:
-        name: key of `methods`.
-        setup: its arguments.
-        methods: the available methods.
+
+def make_estimator(name: str, setup: Setup, methods: Mapping[str, Method] = METHODS) -> Weigher:
+    """Constructs an estimator of the named method, of the available `methods`.
 
     Raises:
         UnknownNameError: no such method.

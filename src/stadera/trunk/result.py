@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from stadera.inertia import InertialParameters
-from stadera.trunk.load import centre_slope, described
+from stadera.trunk.load import TENSOR, centre_slope, described, mass_quantity, plain, quantity
 from stadera.types import Array, Bools
 
 
@@ -67,6 +68,15 @@ class TrunkParameters:
     def com_std(self) -> Array:
         """Standard deviation of the centre of mass, (3,) [m], NaN where not observed."""
         return np.sqrt(np.diag(self.covariance)[1:])
+
+    def to_dict(self, mark: dict[str, bool]) -> dict[str, Any]:
+        """Plain values for JSON; `mark` is added to mass and centre of mass."""
+        std = self.inertia_std if self.observed[4:].all() else np.full(6, np.nan)
+        return {
+            "mass": mass_quantity(self.inertial.mass, self.mass_std, self.mass_std_without_scale) | mark,
+            "com": {"value": plain(self.com), "std": plain(self.com_std)} | mark,
+            "inertia": {n: quantity(v, s) for n, v, s in zip(TENSOR, self.inertial.vector[4:], std, strict=True)},
+        }
 
     @classmethod
     def of(

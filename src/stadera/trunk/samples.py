@@ -63,6 +63,10 @@ class Samples:
     def __getitem__(self, which: slice | Bools) -> Samples:
         return Samples(*(getattr(self, name)[which] for name in _NAMES))
 
+    def __iter__(self) -> Iterator[Measurement]:
+        for time, q, qd, effort, omega, force, extra in zip(*(getattr(self, name) for name in _NAMES), strict=True):
+            yield Measurement(float(time), q, qd, effort, omega, force, extra=extra)
+
     def __add__(self, later: Samples) -> Samples:
         return Samples(*(np.concatenate([getattr(self, name), getattr(later, name)]) for name in _NAMES))
 

@@ -19,12 +19,8 @@ from stadera.trunk.protocol import Estimator, Status, TrunkEstimate
 from stadera.trunk.registry import Setup, make_estimator
 from stadera.trunk.result import TrunkParameters
 from stadera.trunk.standing.equilibrium import ConstantErrors, weight_felt
-from stadera.trunk.standing.forces import ContactForceEstimator
-from stadera.trunk.standing.legs import MeasuredLegs
-from stadera.trunk.standing.noise import ForceNoise
-from stadera.trunk.standing.payload import payload_between, sized_by_poses
-from stadera.trunk.standing.pose_means import Alike, PoseMean
-from stadera.trunk.standing.vertical import measurements_without_imu
+from stadera.trunk.standing.forces import ContactForceEstimator, ForceNoise, MeasuredLegs, measurements_without_imu
+from stadera.trunk.standing.poses import Alike, PoseMean, payload_between, sized_by_poses
 from stadera.trust import Trust
 from stadera.types import Array
 from stadera.weigh.against_model import LIES

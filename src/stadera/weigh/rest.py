@@ -22,10 +22,9 @@ import numpy as np
 from stadera.constants import GRAVITY
 from stadera.robot.model import Robot
 from stadera.trunk.measurement import Measurement
-from stadera.trunk.standing.contact import ContactForces
 from stadera.trunk.standing.detection import StaticDetector
 from stadera.trunk.standing.equilibrium import ConstantErrors, felt_by_mass
-from stadera.trunk.standing.forces import ContactForceEstimator
+from stadera.trunk.standing.forces import ContactForceEstimator, ContactForces
 from stadera.types import Array
 from stadera.weigh.result import Refusal
 

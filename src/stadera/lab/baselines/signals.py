@@ -8,6 +8,7 @@ the usual way, in which signals are filtered first. The ground is assumed level,
 from __future__ import annotations
 
 from abc import abstractmethod
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -19,7 +20,7 @@ from stadera.robot.model import Robot
 from stadera.trunk.load import centre_slope
 from stadera.trunk.measurement import Measurement
 from stadera.trunk.model import ImplausibleError, TrunkBounds, TrunkModel
-from stadera.trunk.protocol import Status, TrunkEstimate, unobserved
+from stadera.trunk.protocol import Status, StepEstimator, TrunkEstimate, unobserved
 from stadera.trunk.result import ObservedLimits
 from stadera.trunk.samples import SampleBuffer, Samples
 from stadera.trunk.settings import TrunkSettings
@@ -27,8 +28,8 @@ from stadera.trunk.wrench import trunk_matrix, trunk_signals
 from stadera.types import Array
 
 
-class SignalBaseline:
-    """An `Estimator` that computes rows from averaged signals; subclasses solve them."""
+class SignalBaseline(StepEstimator):
+    """An estimator that computes rows from averaged signals; subclasses solve them."""
 
     block = 0.01  # averaging time of the signals [s]
     settled = 5.0  # time of data after which it counts as converged [s]
@@ -53,9 +54,9 @@ class SignalBaseline:
         if table is not None:
             self._take(table)
 
-    def add(self, samples: Samples) -> None:
+    def add(self, samples: Samples | Sequence[Measurement]) -> None:
         """Processes any number of samples, equivalent to as many calls of `update`."""
-        self._take(samples.table)
+        self._take((samples if isinstance(samples, Samples) else Samples.of(samples)).table)
 
     def _take(self, table: Array) -> None:
         for stretch in self._buffer.take(table):

@@ -36,9 +36,7 @@ from stadera.robot.model import Robot
 from stadera.robot.stance import standing_configuration
 from stadera.trunk.measurement import Measurement
 from stadera.trunk.model import TrunkBounds, TrunkModel
-from stadera.trunk.standing.contact import ground_normal
-from stadera.trunk.standing.forces import JacobianOf
-from stadera.trunk.standing.legs import MeasuredLegs
+from stadera.trunk.standing.forces import JacobianOf, MeasuredLegs, ground_normal
 from stadera.types import Array, Bools
 
 _UP = np.array([0.0, 0.0, 1.0])

@@ -24,7 +24,7 @@ from stadera.lab.plant import Gaussian, SensorErrors
 from stadera.report.table import TableData
 from stadera.robot import Robot, load_robot
 from stadera.trunk.standing.equilibrium import ConstantErrors
-from stadera.trunk.standing.noise import ForceNoise
+from stadera.trunk.standing.forces import ForceNoise
 from stadera.trunk.standing.poses import WIDE_FOOT, WIDE_TORQUE
 
 PAPER = Paper.of("table4")

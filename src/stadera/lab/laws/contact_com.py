@@ -18,7 +18,7 @@ import numpy as np
 from stadera.body.statics import cross
 from stadera.lab.laws.recursive import LEAST_TILT, RecursiveCom, step_size
 from stadera.trunk.measurement import Measurement
-from stadera.trunk.standing.contact import ContactForces
+from stadera.trunk.standing.forces import ContactForces
 
 _NOT_TILTED = f"the height is observable in a trunk tilted by {np.rad2deg(LEAST_TILT):.0f}° since the plane was found"
 

@@ -21,10 +21,9 @@ from stadera.robot.model import Robot
 from stadera.trunk.measurement import Measurement
 from stadera.trunk.model import TrunkModel
 from stadera.trunk.protocol import unobserved
-from stadera.trunk.standing.contact import ContactForces
+from stadera.trunk.standing.detection import StaticEstimator
 from stadera.trunk.standing.equilibrium import ConstantErrors, felt_by_mass
-from stadera.trunk.standing.forces import ContactForceEstimator
-from stadera.trunk.standing.static import StaticEstimator
+from stadera.trunk.standing.forces import ContactForceEstimator, ContactForces
 from stadera.types import Array
 
 

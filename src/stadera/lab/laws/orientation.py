@@ -43,8 +43,7 @@ from stadera.robot.model import Robot
 from stadera.trunk.measurement import Measurement
 from stadera.trunk.model import TrunkModel
 from stadera.trunk.posture import PostureLaw, rotation_of
-from stadera.trunk.standing.contact import ContactForces
-from stadera.trunk.standing.forces import ContactForceEstimator
+from stadera.trunk.standing.forces import ContactForceEstimator, ContactForces
 from stadera.types import Array
 
 

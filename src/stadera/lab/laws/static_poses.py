@@ -23,10 +23,8 @@ from stadera.robot.stance import standing_configuration
 from stadera.trunk.measurement import Measurement
 from stadera.trunk.model import TrunkBounds, TrunkModel
 from stadera.trunk.standing.equilibrium import ConstantErrors
-from stadera.trunk.standing.fit import centre_of, with_errors, with_poses
 from stadera.trunk.standing.forces import ContactForceEstimator
-from stadera.trunk.standing.pose_means import PoseMean
-from stadera.trunk.standing.poses import plausible
+from stadera.trunk.standing.poses import PoseMean, centre_of, plausible, with_errors, with_poses
 from stadera.types import Array
 
 

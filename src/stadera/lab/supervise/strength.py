@@ -20,7 +20,7 @@ from stadera.robot.model import Robot
 from stadera.robot.stance import standing_configuration
 from stadera.trunk.measurement import Measurement
 from stadera.trunk.model import TrunkModel
-from stadera.trunk.standing.legs import MeasuredLegs
+from stadera.trunk.standing.forces import MeasuredLegs
 
 
 @dataclass(frozen=True)

@@ -29,7 +29,7 @@ from stadera.trunk.model import TrunkModel
 from stadera.trunk.protocol import Status, TrunkEstimate
 from stadera.trunk.settings import TrunkSettings
 from stadera.trunk.standing.forces import ContactForceEstimator
-from stadera.trunk.standing.payload import payload_of_difference
+from stadera.trunk.standing.poses import payload_of_difference
 from stadera.trunk.trusted import TrustedEstimator, TrustLimits
 
 

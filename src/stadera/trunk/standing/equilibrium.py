@@ -18,7 +18,7 @@ Link k, with mass m_k and centre of mass c_k, contributes J_kᵀ m_k g u to h; s
 
 and the sum over all links, with du instead of u, is the effect of a wrong vertical on the forces.
 
-Without an IMU the vertical is itself estimated from the forces in each pose (`standing.vertical`), so that its error is
+Without an IMU the vertical is itself estimated from the forces in each pose (`standing.forces`), so that its error is
 not constant but adds two unknowns to each pose. They are eliminated from the six equations: the whitened equations are
 projected onto the complement of the two columns, which leaves four equations per pose, in which offsets include their
 effect on the vertical.
@@ -31,11 +31,10 @@ are unknown.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from functools import cached_property, lru_cache
+from functools import cached_property
 
 import numpy as np
 
-from stadera.body.rows import Rows
 from stadera.body.statics import LegModel
 from stadera.constants import GRAVITY
 from stadera.errors import ModelError
@@ -44,26 +43,11 @@ from stadera.robot.model import Robot
 from stadera.trunk.error_model import ErrorModel
 from stadera.trunk.measurement import Measurement
 from stadera.trunk.settings import ModelErrors
-from stadera.trunk.standing.contact import ContactForces
-from stadera.trunk.standing.forces import ContactForceEstimator
-from stadera.trunk.standing.noise import ForceNoise
-from stadera.trunk.standing.vertical import vertical_of
+from stadera.trunk.standing.forces import ContactForceEstimator, ContactForces, ForceNoise, vertical_by_forces
 from stadera.types import Array
 
-TRUNK: tuple[str, ...] = ("m", "mcx", "mcy", "mcz")
-"""Names of the trunk's four parameters [kg, kg·m]."""
-
 ERRORS = 39
-"""Number of constant errors: 12 torques, 12 of feet, 3 of the vertical, 12 masses of links."""
-
-
-@lru_cache(maxsize=16)
-def error_names(robot: Robot) -> tuple[str, ...]:
-    """Names of the constant errors: torque offsets leg by leg, feet leg by leg, the vertical, the legs' links."""
-    torques = [f"{joint}.torque" for leg in robot.legs for joint in leg.joints]
-    feet = [f"{leg.name}.foot.{axis}" for leg in robot.legs for axis in "xyz"]
-    links = [f"{link}.mass" for leg in robot.legs for link in leg.links]
-    return (*torques, *feet, *(f"vertical.{axis}" for axis in "xyz"), *links)
+"""Number of constant errors: 12 torques and 12 of feet leg by leg, 3 of the vertical, 12 masses of links."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,8 +55,7 @@ class ConstantErrors:
     """Prior of the constant errors, Gaussian with mean zero.
 
     Attributes:
-        covariance: (39, 39), of torques [N·m], feet [m], vertical [rad] and links' masses (shares), in the order of
-            `error_names`.
+        covariance: (39, 39), of torques [N·m], feet [m], vertical [rad] and links' masses (shares).
         sticking: (12, 12) [N²·m²], part of the torques' covariance that is static friction. It is constant while the
             robot stands, and another one after a load has moved the joints: it does not cancel between two loads.
 
@@ -197,8 +180,8 @@ def equilibrium_rows(
     foot_variance: float = 0.0,
     effort_covariance: Array | None = None,
     fewest: int = 30,
-) -> Rows:
-    """Whitened rows of one pose, in `TRUNK` and the constant errors.
+) -> tuple[Array, Array]:
+    """Whitened rows (n, 43) of one pose, in the trunk's m and h and the constant errors, and their right side (n,).
 
     Args:
         forces_of: estimator of contact forces, with the noise that weights the rows.
@@ -246,18 +229,12 @@ def equilibrium_rows(
     linear_at = errors.copy()
     linear_at[27:] = 0.0  # links' masses are not subtracted from the measurement: their equations are linear
     target = matrix[:, 4:] @ linear_at - value
-    white_rows, white_target = np.linalg.solve(root, matrix), np.linalg.solve(root, target)
-    if m.vertical_by_forces:
-        white_rows, white_target = _without_vertical(white_rows, white_target, up)
-    return Rows((*TRUNK, *error_names(forces_of.robot)), white_rows, white_target)
-
-
-def _without_vertical(matrix: Array, target: Array, up: Array) -> tuple[Array, Array]:
-    """Projects whitened equations onto the complement of the vertical's two columns."""
-    rest = np.linalg.qr(matrix[:, 28:31] @ _across(up), mode="complete")[0][:, 2:].T
-    left = rest @ matrix
-    left[:, 28:31] = 0.0
-    return left, rest @ target
+    matrix, target = np.linalg.solve(root, matrix), np.linalg.solve(root, target)
+    if m.vertical_by_forces:  # projected onto the complement of the vertical's two columns
+        rest = np.linalg.qr(matrix[:, 28:31] @ _across(up), mode="complete")[0][:, 2:].T
+        matrix, target = rest @ matrix, rest @ target
+        matrix[:, 28:31] = 0.0
+    return matrix, target
 
 
 def _across(up: Array) -> Array:
@@ -281,15 +258,15 @@ def _without(m: Measurement, errors: Array, forces_of: ContactForceEstimator) ->
     effort = m.effort - torque
     up = m.up - np.cross(turn, m.up)
     if m.vertical_by_forces:
-        up = vertical_of(replace(m, effort=effort), forces_of.robot)
+        still, stance = np.zeros_like(m.effort)[None], None if m.stance is None else m.stance[None]
+        up = vertical_by_forces(forces_of.robot, m.joint_position[None], still, effort[None], stance)[0][0]
     up /= np.linalg.norm(up)
     feet = m.foot_position
     if foot.any():
         feet = (forces_of.legs.at(m).feet if feet is None else feet) - foot
-    still = np.zeros_like(m.joint_velocity)
     corrected = replace(
         m,
-        joint_velocity=still,
+        joint_velocity=np.zeros_like(m.joint_velocity),
         angular_velocity=np.zeros(3),
         specific_force=GRAVITY * up,
         rotation=None,

@@ -1,41 +1,317 @@
-"""Least squares over static poses: approach (a) of the paper (section III.A, eq. 8-11), and with errors as unknowns.
+"""Static poses: means of similar samples, and the least-squares problems that they form.
 
-The equations at rest contain only the centre of mass normal to the vertical; poses that tilt the trunk about two axes
-determine all of it. The constant errors of torques, feet and vertical are considered, or with `COMBINED` estimated as
-well: they stay the same while the poses change, and two unknown torques cannot mimic a shifted load at every tilt,
-height and position of the trunk. Then
+Every pose gives the equations of `standing.equilibrium`, linear in mass and first moment of the trunk, θ, and in the
+constant errors n (torque offsets, feet, vertical, the legs' masses). The same matrix multiplies the trunk and a payload
+on it, so a tare and a load form one problem with the same errors::
+
+    A_p θ_trunk + B_p n = b_p  (tare),        A_q (θ_trunk + θ_payload) + B_q n = b_q  (loaded)
+
+The errors n are either unknowns with a prior of covariance C, or considered: set to zero, with their covariance added
+to the estimate's (`stadera.information`). Either way, effects common to tare and load cancel in the payload. A weak
+prior, the plausible box of the centre of mass, covers the components that no pose shows.
+
+`PosesCom` is approach (a) of the paper (section III.A, eq. 8-11). The equations at rest contain only the centre of mass
+normal to the vertical; poses that tilt the trunk about two axes determine all of it. With `COMBINED` the errors are
+estimated as well: they stay the same while the poses change, and two unknown torques cannot mimic a shifted load at
+every tilt, height and position of the trunk. Then
 
     Σ_poses ‖whitened equations(θ, n)‖² + nᵀ C⁻¹ n + the weak prior
 
 is minimised over trunk θ and errors n by Gauss-Newton: the equations are linear in everything except the feet, and
-nearly so in these. Each leg in the air adds three equations. See `standing.fit`.
+nearly so in these. Each leg in the air adds three equations.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import block_diag
 
-from stadera.errors import require_positive
-from stadera.information import Information
+from stadera.constants import GRAVITY
+from stadera.errors import IdentificationError, ModelError, require_positive
+from stadera.information import Information, Unknowns
 from stadera.robot.model import Robot
+from stadera.trunk.load import Payload, centre_slope
 from stadera.trunk.measurement import Measurement
 from stadera.trunk.model import TrunkBounds, TrunkModel
 from stadera.trunk.protocol import TrunkEstimate, unobserved
-from stadera.trunk.standing.contact import ContactForces
-from stadera.trunk.standing.detection import StaticLimits
-from stadera.trunk.standing.equilibrium import ERRORS, ConstantErrors
-from stadera.trunk.standing.fit import TRUNK_ALONE, centre_of, with_box, with_errors, with_mass, with_poses
-from stadera.trunk.standing.forces import ContactForceEstimator
-from stadera.trunk.standing.noise import ForceNoise
-from stadera.trunk.standing.pose_means import Alike, PoseMean
-from stadera.trunk.standing.static import StaticEstimator
+from stadera.trunk.standing.detection import StaticEstimator, StaticLimits
+from stadera.trunk.standing.equilibrium import ERRORS, ConstantErrors, equilibrium_rows
+from stadera.trunk.standing.forces import ContactForceEstimator, ContactForces, ForceNoise
 from stadera.types import Array
+
+TRUNK_ALONE = Unknowns.of(trunk=4, errors=ERRORS)
+WITH_PAYLOAD = Unknowns.of(trunk=4, payload=4, errors=ERRORS, held=12, held_loaded=12)
+"""`held` and `held_loaded` are the torques of static friction without and with the payload."""
 
 SETTLED = StaticLimits(joint_velocity=0.02, quiet=0.5)
 """Limits for a robot at rest for so long that the trunk's residual sway is negligible."""
+
+
+@dataclass(frozen=True)
+class Alike:
+    """Largest difference between a sample and the mean of its pose.
+
+    Attributes:
+        joint: of any joint [rad].
+        tilt: of the vertical [rad]; ignored if the vertical comes from the feet's forces, whose noise exceeds the tilt
+            between poses.
+    """
+
+    joint: float = 0.02
+    tilt: float = 0.01
+
+    def __post_init__(self) -> None:
+        if not (self.joint > 0 and self.tilt > 0):
+            raise ModelError(f"samples of a pose need positive tolerances, got {self.joint} rad, {self.tilt} rad")
+
+
+class PoseMean:
+    """Running mean of similar samples, of which there are `count`."""
+
+    def __init__(self, first: Measurement) -> None:
+        self._first = first
+        self._q, self._effort = first.joint_position.copy(), first.effort.copy()
+        self._up, self._extra = first.up.copy(), first.extra.copy()
+        self._feet = None if first.foot_position is None else first.foot_position.copy()
+        self._foot_squares, self._effort_squares = 0.0, np.zeros((len(self._effort), len(self._effort)))
+        self.count = 1
+
+    def takes(self, m: Measurement, alike: Alike) -> bool:
+        """Adds a sample if it is similar and the same legs are in stance; returns whether it was added."""
+        up, k = m.up, len(self._extra) // 2
+        if _meant(m) != _meant(self._first) or (m.foot_position is None) != (self._feet is None):
+            return False
+        if float(np.abs(m.joint_position - self._q).max()) > alike.joint:
+            return False
+        if k and float(np.abs(m.extra[:k] - self._extra[:k]).max()) > alike.joint:
+            return False
+        if not m.vertical_by_forces and float(np.abs(up - self._up).max()) > alike.tilt:
+            return False
+        self.count += 1
+        share = 1.0 / self.count
+        self._q += share * (m.joint_position - self._q)
+        self._extra += share * (m.extra - self._extra)
+        scatter = m.effort - self._effort
+        self._effort += share * scatter
+        self._effort_squares += (1.0 - share) * np.outer(scatter, scatter)
+        self._up += share * (up - self._up)
+        if self._feet is not None and m.foot_position is not None:
+            away = m.foot_position - self._feet
+            self._feet += share * away
+            self._foot_squares += (1.0 - share) * float((away * away).sum())
+        return True
+
+    @property
+    def effort_covariance(self) -> Array:
+        """Covariance (n, n) of the mean efforts [N²·m²] from their scatter; 0 for a single sample."""
+        return np.asarray(self._effort_squares / (max(self.count - 1, 1) * self.count))
+
+    @property
+    def foot_variance(self) -> float:
+        """Variance of each component of the feet's mean positions [m²] from their scatter; 0 if not measured."""
+        return self._foot_squares / (12 * max(self.count - 1, 1) * self.count)
+
+    @property
+    def measurement(self) -> Measurement:
+        """The mean, as a measurement at rest."""
+        return replace(
+            self._first,
+            joint_position=self._q.copy(),
+            joint_velocity=np.zeros_like(self._q),
+            effort=self._effort.copy(),
+            angular_velocity=np.zeros(3),
+            specific_force=GRAVITY * self._up / np.linalg.norm(self._up),
+            rotation=None,
+            extra=self._extra.copy(),
+            foot_position=None if self._feet is None else self._feet.copy(),
+        )
+
+
+def gather(poses: list[PoseMean], m: Measurement, alike: Alike, most: int) -> None:
+    """Adds a sample at rest to the last of some poses, or as a new one; only the latest `most` are kept."""
+    if not (poses and poses[-1].takes(m, alike)):
+        poses.append(PoseMean(m))
+        del poses[:-most]
+
+
+def _meant(m: Measurement) -> list[bool]:
+    """Legs meant to be in stance."""
+    return [True] * 4 if m.stance is None else m.stance.tolist()
+
+
+# -- the least-squares problem ---------------------------------------------------------------------------------------
+
+
+def with_poses(
+    known: Information,
+    forces: ContactForceEstimator,
+    poses: Iterable[PoseMean],
+    errors: Array | None = None,
+    *,
+    loaded: bool = False,
+) -> Information:
+    """Adds the equations of some poses.
+
+    Args:
+        known: on `TRUNK_ALONE` or `WITH_PAYLOAD`.
+        forces: estimator of contact forces, with the noise that weights the rows.
+        errors: (39,), values of n at which the equations are linearised; None for zero.
+        loaded: True if the trunk carries the payload in these poses.
+    """
+    at = np.zeros(ERRORS) if errors is None else errors
+    held = "held_loaded" if loaded else "held"
+    for pose in poses:
+        rows, target = equilibrium_rows(
+            forces, pose.measurement, pose.count, at, pose.foot_variance, pose.effort_covariance
+        )
+        matrix = np.zeros((len(rows), len(known)))
+        matrix[:, known["trunk"]], matrix[:, known["errors"]] = rows[:, :4], rows[:, 4:]
+        if loaded:
+            matrix[:, known["payload"]] = rows[:, :4]
+        if held in known.names:
+            matrix[:, known[held]] = rows[:, 4:16]
+        known = known.add(matrix, target)
+    return known
+
+
+def plausible(start: TrunkModel, bounds: TrunkBounds) -> Information:
+    """The weak prior: mass and centre of mass around the start, as wide as uniform distributions over the plausible
+    box.
+    """
+    known = _with_box(Information.empty(TRUNK_ALONE), "trunk", bounds, start.mass, start.com_trunk)
+    matrix = np.zeros((1, len(known)))
+    matrix[0, known["trunk"].start] = 1.0 / bounds.spread[0]
+    return known.add(matrix, np.array([start.mass / bounds.spread[0]]))
+
+
+def _with_box(known: Information, body: str, bounds: TrunkBounds, mass: float, com: Array | None = None) -> Information:
+    """Adds the weak prior on the first moment of a body of about this mass [kg]: com (3,) [m], None for the box's
+    middle, as wide as the box.
+    """
+    com = 0.5 * (np.asarray(bounds.low) + np.asarray(bounds.high)) if com is None else com
+    place, scale = known[body], 1.0 / (mass * bounds.spread[1:])
+    matrix = np.zeros((3, len(known)))
+    matrix[:, place.start] = -com * scale
+    matrix[:, place.start + 1 : place.stop] = np.diag(scale)
+    return known.add(matrix, np.zeros(3))
+
+
+def with_errors(known: Information, errors: ConstantErrors, *, seek: bool) -> Information:
+    """Treats the constant errors as unknowns with a prior, or as considered errors, which removes them from the
+    unknowns.
+    """
+    if not seek:
+        return known.consider(errors.root, ("errors",))
+    matrix = np.zeros((ERRORS, len(known)))
+    matrix[:, known["errors"]] = np.linalg.inv(errors.root)
+    return known.add(matrix, np.zeros(ERRORS))
+
+
+def centre_of(known: Information, body: str = "trunk") -> tuple[Array, Array]:
+    """Mass [kg] and centre of mass [m] of a body (4,), and their covariance (4, 4)."""
+    moments = known.mean[known[body]]
+    slope = centre_slope(moments)
+    return np.array([moments[0], *moments[1:] / moments[0]]), slope @ known.covariance(body) @ slope.T
+
+
+# -- the payload, by difference ---------------------------------------------------------------------------------------
+
+
+def payload_between(
+    tare: Sequence[PoseMean],
+    loaded: Sequence[PoseMean],
+    forces: ContactForceEstimator,
+    errors: ConstantErrors,
+    least: float = 1e-3,
+    observed: float = 0.5,
+) -> Payload:
+    """Mass and centre of mass that the `loaded` poses carry in addition to the tare's.
+
+    Args:
+        least: unit of the first moment if there is hardly a payload, as a share of the robot's mass [1].
+        observed: share of the plausible range's standard deviation below which a payload's place counts as observed
+            [1]: a few centimetres help.
+
+    Raises:
+        IdentificationError: there is no pose on one side.
+    """
+    for poses, which in ((tare, "the tare"), (loaded, "the load")):
+        if not poses:
+            raise IdentificationError(f"no pose at rest to weigh {which} by")
+    bounds = TrunkBounds.of(forces.robot)
+    known = _gathered(tare, loaded, forces)
+    root = _root(block_diag(errors.lasting, errors.sticking, errors.sticking))
+
+    def solved(mass: float) -> Information:
+        return _with_box(known, "payload", bounds, mass).consider(root, ("errors", "held", "held_loaded"))
+
+    # the payload's first moment in units of its mass, which the vertical forces determine well
+    rough = solved(1.0)
+    found = solved(max(abs(float(rough.mean[rough["payload"]][0])), least * forces.robot.mass))
+    moments, covariance = found.mean[found["payload"]], found.covariance("payload")
+    return Payload.of_moments(moments, covariance, observed * bounds.spread[1:])
+
+
+def sized_by_poses(
+    tare: Sequence[PoseMean],
+    loaded: Sequence[PoseMean],
+    forces: ContactForceEstimator,
+    errors: ConstantErrors,
+    spread: float = 1.0,
+) -> ConstantErrors:
+    """The constant errors with the sizes that the longest pose of each side shows; the tare may be empty.
+
+    Six equations of a pose determine four parameters and leave the rest: forces that do not add up to a vertical one
+    show offsets and friction, and if they do so otherwise under a load, friction. With everything else eliminated,
+    z = R n remains of the errors n = (s L u, t H v), u, v ~ N(0, 1), and unit noise, so
+
+        z ~ N(0, 1 + s² R L Lᵀ Rᵀ + t² R H Hᵀ Rᵀ)
+
+    and s and t are the roots of the means of s² and t² given z. Static friction is never taken to be smaller than
+    usual: if all knees hold alike, no equation shows it.
+
+    Args:
+        spread: standard deviation of ln s and ln t before any pose; s² and t² have mean one. Friction of drives differs
+            between robots by a factor of seven (95 %).
+    """
+    widest, count = 3.5, 29  # standard deviations of ln s and number of its values, in sums over it
+    before, after = ([max(p, key=lambda pose: pose.count)] if p else [] for p in (tare, loaded))
+    known = _with_box(_gathered(before, after, forces), "payload", TrunkBounds.of(forces.robot), forces.robot.mass)
+    left = known.marginal(("errors", "held", "held_loaded"))
+    lasting = left.R[:, :ERRORS] @ _root(errors.lasting)
+    held = left.R[:, ERRORS:] @ _root(block_diag(errors.sticking, errors.sticking))
+    U, size, _ = np.linalg.svd(np.hstack([lasting, held]), full_matrices=False)
+    U = U[:, size > 1e-6 * size[0]]
+    z, M, N = U.T @ left.z, *(U.T @ x @ x.T @ U for x in (lasting, held))
+    tried = np.linspace(-widest * spread, widest * spread, count)
+    square = np.exp(2.0 * (tried - spread**2))
+    C = np.eye(len(z)) + square[:, None, None, None] * M + square[:, None, None] * N
+    value, vector = np.linalg.eigh(C)
+    cost = ((vector.swapaxes(-1, -2) @ z) ** 2 / value + np.log(value)).sum(axis=-1)
+    cost += (tried[:, None] ** 2 + tried**2) / spread**2
+    weight = np.exp(-0.5 * (cost - cost.min()))
+    weight /= weight.sum()
+    s, t = np.sqrt(weight.sum(axis=1) @ square), np.sqrt(weight.sum(axis=0) @ square)
+    return errors.scaled(float(s), max(float(t), 1.0))
+
+
+def _gathered(tare: Sequence[PoseMean], loaded: Sequence[PoseMean], forces: ContactForceEstimator) -> Information:
+    """The poses of both sides, on `WITH_PAYLOAD`."""
+    trunk, bounds = forces.robot.inertias[forces.robot.trunk], TrunkBounds.of(forces.robot)
+    known = _with_box(Information.empty(WITH_PAYLOAD), "trunk", bounds, trunk.mass)
+    return with_poses(with_poses(known, forces, tare), forces, loaded, loaded=True)
+
+
+def _root(covariance: Array) -> Array:
+    value, vector = np.linalg.eigh(covariance)
+    return np.asarray(vector * np.sqrt(np.maximum(value, 0.0)))
+
+
+# -- the estimator ----------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -70,13 +346,6 @@ class PosesSettings:
     def __post_init__(self) -> None:
         require_positive("pose setting", self, ("iterations", "settled", "observed"))
 
-    def errors(self, forces: ContactForceEstimator) -> ConstantErrors:
-        """Sizes of the constant errors for an estimator of contact forces."""
-        if self.torque_constant is None or self.foot_position is None:
-            return ConstantErrors.of(forces.noise)
-        noise = ForceNoise.of(forces.robot, constant=self.torque_constant, foot_position=self.foot_position)
-        return ConstantErrors.of(noise)
-
 
 WIDE_TORQUE, WIDE_FOOT = 0.15, 0.03
 """Sizes of the errors in the combined method: share of the effort limits, and [m] (1 σ)."""
@@ -94,6 +363,9 @@ class PosesCom(StaticEstimator):
         forces: estimator of contact forces; None for a new one.
         settings: None for the defaults, the paper's approach (a); `COMBINED` for errors as unknowns.
 
+    Attributes:
+        poses: number of poses held.
+
     Raises:
         ImplausibleError: the start is implausible.
     """
@@ -109,22 +381,22 @@ class PosesCom(StaticEstimator):
     ) -> None:
         self.settings = settings or PosesSettings()
         super().__init__(robot, start, forces, self.settings.still)
-        self.errors = self.settings.errors(self.forces)
+        noise, torque, foot = self.forces.noise, self.settings.torque_constant, self.settings.foot_position
+        if torque is not None and foot is not None:
+            noise = ForceNoise.of(robot, constant=torque, foot_position=foot)
+        self.errors = ConstantErrors.of(noise)
         self._folded = plausible(self._start, self.bounds)
         self._open: PoseMean | None = None
         self._closed: list[PoseMean] = []
         self._linear_at = self._anchor = np.zeros(ERRORS)
         self._known = unobserved()
-        self._solved, self._latest, self._count = -np.inf, np.nan, 0
-
-    @property
-    def poses(self) -> int:
-        """Number of poses held."""
-        return self._count
+        self._solved, self._latest, self.poses = -np.inf, np.nan, 0
 
     @property
     def sources(self) -> Array:
-        """Constant errors as last estimated, (39,), in the order of `error_names`; zero if they are not estimated."""
+        """Constant errors as last estimated, (39,): torques and feet leg by leg, vertical, links; zero if they are not
+        estimated.
+        """
         return self._linear_at.copy()
 
     def estimate(self) -> TrunkEstimate:
@@ -139,7 +411,7 @@ class PosesCom(StaticEstimator):
         self._latest = measurement.time
         if self._open is None or not self._open.takes(measurement, self.settings.alike):
             self._close()
-            self._open, self._count = PoseMean(measurement), self._count + 1
+            self._open, self.poses = PoseMean(measurement), self.poses + 1
 
     def _close(self) -> None:
         kept = self.settings.kept
@@ -152,17 +424,16 @@ class PosesCom(StaticEstimator):
         while len(self._closed) > kept:
             self._folded = with_poses(self._folded, self.forces, [self._closed.pop(0)], self._linear_at)
 
-    def _gathered(self) -> Information:
-        poses = [*self._closed, self._open] if self._open is not None else self._closed
-        return with_poses(self._folded, self.forces, poses, self._linear_at)
-
     def _solution(self) -> Information:
+        """Gauss-Newton from the errors at which older poses were linearised; one step if errors are considered."""
         settings, before = self.settings, np.full(3, np.inf)
         self._linear_at = self._anchor
-        if not settings.seek_errors:
-            return with_errors(self._gathered(), self.errors, seek=False)
+        poses = [*self._closed, self._open] if self._open is not None else self._closed
         for _ in range(settings.iterations):
-            known = with_errors(self._gathered(), self.errors, seek=True)
+            known = with_poses(self._folded, self.forces, poses, self._linear_at)
+            known = with_errors(known, self.errors, seek=settings.seek_errors)
+            if not settings.seek_errors:
+                break
             self._linear_at, com = known.mean[known["errors"]], centre_of(known)[0][1:]
             if float(np.abs(com - before).max()) < settings.settled:
                 break
@@ -176,7 +447,7 @@ class PosesCom(StaticEstimator):
         self._solved = self._latest
         hidden = np.flatnonzero(~(np.sqrt(np.diag(covariance)) < self.settings.observed * self.bounds.spread))
         start = np.array([self._start.mass, *self._start.com_trunk])
-        value = conditioned(value, covariance, hidden, start)
+        value = _conditioned(value, covariance, hidden, start)
         if self._adopt(self._latest, float(value[0]), value[1:], not len(hidden)):
             self._known = covariance
             self._known[hidden, :] = self._known[:, hidden] = np.nan
@@ -185,15 +456,7 @@ class PosesCom(StaticEstimator):
         return self._known
 
 
-def plausible(start: TrunkModel, bounds: TrunkBounds) -> Information:
-    """The weak prior: mass and centre of mass around the start, as wide as uniform distributions over the plausible
-    box.
-    """
-    known = with_box(Information.empty(TRUNK_ALONE), "trunk", bounds, start.mass, start.com_trunk)
-    return with_mass(known, start.mass, float(bounds.spread[0]))
-
-
-def conditioned(value: Array, covariance: Array, fixed: NDArray[np.intp], at: Array) -> Array:
+def _conditioned(value: Array, covariance: Array, fixed: NDArray[np.intp], at: Array) -> Array:
     """Conditional mean of the other components when some are known to be `at`."""
     if not len(fixed):
         return value
