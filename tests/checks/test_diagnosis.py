@@ -28,7 +28,7 @@ from stadera.robot import Robot, load_robot
 from stadera.robot.imu import ImuMount
 from stadera.weigh import diagnose
 from stadera.weigh.reading import CheckedLog
-from stadera.weigh.settings import Request
+from stadera.weigh.settings import WeighSettings
 from standing import GRAVITY, StandingRobot, static_log
 
 
@@ -241,7 +241,7 @@ def test_what_is_wrong_is_named(hyq: Robot, clean: Recording, name: str) -> None
 
 def test_what_leaves_nothing_to_weigh_by_is_an_error_and_the_rest_a_note(hyq: Robot, clean: Recording) -> None:
     def notes(log: Recording) -> list[str]:
-        read = CheckedLog(Request(hyq, log, None, "walking"), log)
+        read = CheckedLog(hyq, log, WeighSettings())
         assert sum(len(chunk) for chunk in read) == len(log)
         return list(read.notes)
 

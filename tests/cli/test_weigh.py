@@ -214,7 +214,7 @@ def without_orientation(recording: Recording) -> Recording:
         (walking, REST, "never stands still"),
         (on_two_feet, REST, "only 2 feet carry (LF, RH)"),
         (lambda r: r, (*REST, "--tare", "0:0.95"), "does not stand still after the tare's time"),
-        (lambda r: r, (*REST, "--tare", "9000:9001"), "does not stand still in the tare's time"),
+        (lambda r: r, (*REST, "--tare", "9000:9001"), "9000 to 9001 s, lies outside the log"),
         (lambda r: r, ("--tare", "9000:9001"), "lies outside the log"),
         (lambda r: r, ("--tare", "nowhere.csv"), "no such file"),
         (lambda r: r, ("--method", "guess"), "valid: poses, orientation, contact"),

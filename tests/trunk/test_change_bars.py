@@ -19,8 +19,7 @@ from stadera.trunk.estimator import TrunkEstimator
 from stadera.trunk.samples import Samples
 from stadera.trunk.settings import ChangeSettings
 from stadera.trunk.standing.equilibrium import ConstantErrors
-from stadera.weigh.changes import changes_between
-from stadera.weigh.rest import RestBlock
+from stadera.weigh.at_rest import RestBlock, change_variance
 
 SETTINGS = ChangeSettings()
 SCALE = np.array([50.0, 30.0, 30.0, 30.0])
@@ -111,6 +110,5 @@ def test_at_rest_both_loads_of_a_change_have_noise_and_pose() -> None:
     both = first.joined(second)
     assert both.mass == pytest.approx(51.5)
     assert both.variance == pytest.approx(0.25**2 * 0.04 + 0.75**2 * 0.01)
-    (alone,) = changes_between([first, replace(second, noticed=2.0)], errors)
-    (noisy,) = changes_between([replace(first, variance=0.2), replace(second, noticed=2.0)], errors)
-    assert noisy.mass_std**2 - alone.mass_std**2 == pytest.approx(0.16, rel=1e-6)
+    alone, noisy = (change_variance(before, second, errors) for before in (first, replace(first, variance=0.2)))
+    assert noisy - alone == pytest.approx(0.16, rel=1e-6)

@@ -16,10 +16,12 @@ from stadera.robot import load_robot
 from stadera.robot.stance import standing_configuration
 from stadera.trunk import ContactForceEstimator, Measurement, StaticDetector, StaticLimits, Status, TrunkBounds
 from stadera.trunk.measurement import measurements_of
+from stadera.trunk.registry import Setup, make_estimator
 from stadera.trunk.standing.detection import VelocityNoise
 from stadera.trunk.standing.forces import measurements_without_imu
 from stadera.trunk.standing.poses import SETTLED
-from stadera.weigh.rest import times_at_rest
+from stadera.weigh.at_rest import AtRest
+from stadera.weigh.settings import WeighSettings
 from standing import StandingRobot
 
 ROBOT = load_robot("hyq")
@@ -123,7 +125,9 @@ def test_the_mass_is_kept_through_bad_input(spoil: Callable[[Measurement], Measu
 def test_times_at_rest_name_what_is_not_finite_and_go_on() -> None:
     measurements = at_rest(200)
     measurements[100] = nan_in("joint_velocity")(measurements[100])
-    rest = times_at_rest(measurements, FORCES, 0.25)
+    rest = AtRest(ROBOT, lambda _, forces: make_estimator("poses", Setup(ROBOT, forces=forces)), WeighSettings())
+    rest.add(measurements)
+    rest.restart()
     assert len(rest.blocks) >= 5
     assert np.isfinite([block.mass for block in rest.blocks]).all()
     (_, spoilt) = rest.refusals  # the first until it was seen at rest

@@ -14,7 +14,7 @@ from stadera.robot import load_robot
 from stadera.robot.model import Shape
 from stadera.robot.stance import standing_configuration
 from stadera.weigh import weigh
-from stadera.weigh.lying import lying
+from stadera.weigh.against_model import lying
 
 
 @pytest.mark.parametrize("name", ["go2", "hyq", "a1", "b1", "anymal_c", "aliengo", "spot"])
@@ -36,7 +36,7 @@ def test_a_trunk_between_folded_legs_lies_and_one_that_stands_does_not(name: str
 )
 def test_lowest_points_are_those_of_the_shape_s_surface(kind: str, size: tuple[float, ...]) -> None:
     """Drawn points of the surface, turned and shifted, reach as low and no lower."""
-    from stadera.weigh.lying import _lowest
+    from stadera.weigh.against_model import _lowest
 
     rng, turn = np.random.default_rng(1), Rotation.random(rng=2).as_matrix()
     n = 200_000

@@ -25,7 +25,7 @@ from stadera.trunk.protocol import Status, TrunkEstimate
 from stadera.trust import Trust
 from stadera.weigh import Weighing, reading, weigh
 from stadera.weigh.reading import CheckedLog
-from stadera.weigh.settings import Request
+from stadera.weigh.settings import WeighSettings
 from walking import Walk, recorded, walked
 
 HYQ = load_robot("hyq")
@@ -161,7 +161,7 @@ def test_a_fall_in_a_later_chunk_of_a_long_log(monkeypatch: pytest.MonkeyPatch) 
     fallen = replace(whole, effort=np.where((whole.time >= 3.0)[:, None], -whole.effort, whole.effort))
     parts = [take(fallen, (fallen.time >= t) & (fallen.time < t + 1.0)) for t in range(4)]
     monkeypatch.setattr(reading, "stream", lambda *_, **__: iter(parts))
-    read = CheckedLog(Request(HYQ, fallen, None, "walking"), fallen)
+    read = CheckedLog(HYQ, fallen, WeighSettings())
     kept = list(read)
     assert read.event is not None
     assert read.event.begin == pytest.approx(2.75)

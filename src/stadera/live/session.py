@@ -21,7 +21,7 @@ from stadera.trunk.estimator import TrunkEstimator
 from stadera.trunk.load import since_tare
 from stadera.trunk.samples import Samples
 from stadera.trust import Trust
-from stadera.weigh.in_motion import trust_now
+from stadera.weigh.pipeline import trust_now
 from stadera.weigh.reading import posed_as
 from stadera.weigh.settings import Watch
 

@@ -8,7 +8,6 @@ from typing import Any
 from stadera.trunk.load import LoadChange, Payload
 from stadera.trunk.result import TrunkParameters
 from stadera.trust import Trust
-from stadera.weigh.schema import change_dict, payload_dict, trunk_dict
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,9 +60,9 @@ class LiveState:
             "robot": self.robot,
             "time": _number(self.time),
             "status": self.status,
-            "trunk": trunk_dict(self.trunk, mark) | {"frame": self.link},
-            "payload": None if self.payload is None else payload_dict(self.payload, self.link, mark),
-            "changes": [change_dict(change, mark) for change in self.changes],
+            "trunk": self.trunk.to_dict(mark) | {"frame": self.link},
+            "payload": None if self.payload is None else self.payload.to_dict(self.link, mark),
+            "changes": [change.to_dict(mark) for change in self.changes],
             "trust": self.trust.to_dict(),
             "rates": {topic: round(rate, 2) for topic, rate in self.rates.items()},
             "lost": dict(self.lost),

@@ -28,7 +28,7 @@ from stadera.trunk.model import TrunkBounds
 from stadera.trunk.samples import Samples
 from stadera.trunk.standing.forces import ContactForceEstimator
 from stadera.types import Array, Bools
-from stadera.weigh.in_motion import trust_now
+from stadera.weigh.pipeline import trust_now
 
 if TYPE_CHECKING:
     import rerun

@@ -18,12 +18,10 @@ import numpy as np
 from stadera.body.statics import foot_positions
 from stadera.errors import require_positive
 from stadera.inertia import InertialParameters
-from stadera.robot.model import Robot
+from stadera.robot.model import Robot, Shape
 from stadera.trunk.load import Payload
-from stadera.trunk.samples import Samples
 from stadera.trust import Verdict
 from stadera.types import Array
-from stadera.weigh.lying import lying
 
 
 @dataclass(frozen=True)
@@ -58,19 +56,21 @@ class Footprint:
         self._moments = np.zeros((2, len(self._pairs[0])))  # of the distances between feet
         self._low = 0  # postures with the trunk on the ground
 
-    def add(self, samples: Samples) -> None:
-        """Takes in samples of the robot's joints."""
-        period = float(np.median(np.diff(samples.time))) if len(samples) > 1 else 1.0
+    def add(self, time: Array, position: Array, force: Array) -> None:
+        """Takes in samples: time (n,) [s], joints in the tree's order (n, joints) [rad], and the specific force (n, 3),
+        trunk axes.
+        """
+        period = float(np.median(np.diff(time))) if len(time) > 1 else 1.0
         kept = slice(None, None, max(1, round(1.0 / (self._limits.rate * period))))
-        feet = foot_positions(self._robot, samples.position[kept])
+        feet = foot_positions(self._robot, position[kept])
         apart = np.linalg.norm(feet[:, self._pairs[0]] - feet[:, self._pairs[1]], axis=-1)
         self._count += len(feet)
         self._feet += feet.sum(axis=0)
-        self._up += samples.specific_force[kept].sum(axis=0)
+        self._up += force[kept].sum(axis=0)
         self._moments += np.array([apart.sum(axis=0), (apart**2).sum(axis=0)])
-        up = samples.specific_force.mean(axis=0)
+        up = force.mean(axis=0)
         up /= max(float(np.linalg.norm(up)), 1e-9)
-        self._low += int(lying(self._robot, samples.position[kept], np.tile(up, (len(feet), 1))).sum())
+        self._low += int(lying(self._robot, position[kept], np.tile(up, (len(feet), 1))).sum())
 
     @property
     def lay(self) -> bool:
@@ -103,9 +103,6 @@ class Footprint:
         return best, float(force[best]), float(left[best] / max(np.linalg.norm(difference), 1e-12))
 
 
-LIES = "the trunk is as low as the feet: it may lie on the ground, which then carries a part that no leg feels"
-
-
 def doubts(
     robot: Robot, trunk: InertialParameters, payload: Payload | None, footprint: Footprint, limits: AgreementLimits
 ) -> Iterator[tuple[Verdict, str]]:
@@ -119,7 +116,8 @@ def doubts(
         loads = [difference] if added is None else [difference - added, added]
         found = [doubt for load in loads for doubt in _of_one_leg(robot, load, footprint, limits)]
     if footprint.lay:
-        yield "doubtful", LIES
+        text = "the trunk is as low as the feet: it may lie on the ground"
+        yield "doubtful", f"{text}, which then carries a part that no leg feels"
     yield from found[:1] or _of_all(difference.mass / robot.mass, limits)
 
 
@@ -143,3 +141,37 @@ def _of_all(share: float, limits: AgreementLimits) -> Iterator[tuple[Verdict, st
     elif share > limits.heavier:
         text = f"the robot would weigh {1 + share:.2g} times what its model does"
         yield "doubtful", f"{text}: torques in another unit or with another gear ratio look the same"
+
+
+def lying(robot: Robot, position: Array, up: Array) -> Array:
+    """Which of some postures have the trunk's lowest point at the height of the feet's lowest.
+
+    Args:
+        position: (n, joints) [rad], in the tree's order.
+        up: (n, 3), the vertical in trunk axes.
+
+    Returns:
+        (n,) bool.
+    """
+    # share of the leg's length; shapes of trunks are coarse, and robots crouch to half of their legs' length
+    low = 0.1
+    lowest = np.min([_lowest(shape, up) for shape in robot.shapes if shape.link == robot.trunk], axis=0)
+    feet = np.einsum("nli,ni->nl", foot_positions(robot, position), up)
+    ground = (feet - np.array([leg.foot_radius for leg in robot.legs])).min(axis=1)
+    return np.asarray(lowest - ground < low * robot.leg_length)
+
+
+def _lowest(shape: Shape, up: Array) -> Array:
+    """Least height (n,) [m] of a shape's points along unit vectors (n, 3), in its link's frame."""
+    along = up @ shape.rotation
+    match shape.kind:
+        case "box":
+            reach = 0.5 * np.abs(along) @ np.array(shape.size)
+        case "sphere":
+            reach = np.full(len(up), shape.size[0])
+        case "capsule":
+            reach = shape.size[0] + 0.5 * shape.size[1] * np.abs(along[:, 2])
+        case "cylinder":
+            across = np.sqrt(np.maximum(1.0 - along[:, 2] ** 2, 0.0))
+            reach = shape.size[0] * across + 0.5 * shape.size[1] * np.abs(along[:, 2])
+    return np.asarray(up @ shape.translation - reach)

@@ -1,367 +1,481 @@
-"""Weighs a robot from its times at rest, in two passes over the log, with memory independent of its length.
+"""Weighs a robot from its times at rest, in one pass, with memory independent of the log's length but for its blocks.
 
-The first pass finds the times at rest, the mass in each by eq. 7, and the changes of the load. The second runs the
-method for the centre of mass as if online, restarted after each change, and collects the poses of tare and load.
+In static equilibrium the ground carries the weight along the vertical u (trunk axes),
+
+    m_tr = u · Σ f_i / g - m_l                                                    (eq. 7)
+
+which gives the mass of each block, a short time at rest. Constant errors n of torques, feet and the legs' masses change
+it by s n with s = uᵀ (∂F/∂n) / g. Two blocks in one pose have nearly the same s, so the variance of their difference,
+(s_2 - s_1) C (s_2 - s_1)ᵀ, is small: a change is known much better than a mass.
+
+A block deviates from the mean of its load if it differs by more than a share of the robot's mass and by more than a
+number of standard deviations of the difference. If two successive blocks deviate to the same side, the load changed at
+the first of them; a single one is a disturbance. The centre of mass is that of the method, made anew for each load from
+its first block on: from a block that deviates the next estimator runs beside the present one, until it is confirmed.
+The payload is the difference between the poses held since the tare and those before it.
 """
 
-from collections.abc import Iterator, Sequence
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from math import degrees, isnan, sqrt
+from itertools import pairwise
+from math import degrees, hypot, isnan, sqrt
 
 import numpy as np
+from numpy.typing import NDArray
 
+from stadera.constants import GRAVITY
 from stadera.errors import IdentificationError
 from stadera.inertia import InertialParameters, skew
-from stadera.trunk.load import LoadChange, Payload, since_tare
-from stadera.trunk.measurement import Measurement, measurements_of
-from stadera.trunk.posture import PostureLaw
-from stadera.trunk.protocol import Estimator, Status, TrunkEstimate
-from stadera.trunk.registry import Setup, make_estimator
+from stadera.robot.model import Robot
+from stadera.trunk.load import LoadChange, Payload
+from stadera.trunk.measurement import Measurement
+from stadera.trunk.model import TrunkModel
+from stadera.trunk.protocol import Status, StepEstimator, TrunkEstimate, Weigher, unobserved
 from stadera.trunk.result import TrunkParameters
-from stadera.trunk.standing.equilibrium import ConstantErrors, weight_felt
-from stadera.trunk.standing.forces import ContactForceEstimator, ForceNoise, MeasuredLegs, measurements_without_imu
-from stadera.trunk.standing.poses import Alike, PoseMean, payload_between, sized_by_poses
+from stadera.trunk.standing.detection import StaticDetector, stretched
+from stadera.trunk.standing.equilibrium import ConstantErrors, felt_by_mass, weight_felt
+from stadera.trunk.standing.forces import ContactForceEstimator, ContactForces, ForceNoise
+from stadera.trunk.standing.poses import Alike, PoseMean, gather, payload_between, sized_by_poses
 from stadera.trust import Trust
 from stadera.types import Array
-from stadera.weigh.against_model import LIES
-from stadera.weigh.changes import LevelLimits, changes_between, levels, loads, misfit
-from stadera.weigh.lying import lying
-from stadera.weigh.reading import CheckedLog, check_source
-from stadera.weigh.rest import Rest, RestBlock, times_at_rest
-from stadera.weigh.result import Balance, Timeline, Vertical, Weighing
-from stadera.weigh.settings import Request, Source
+from stadera.weigh.result import Balance, Refusal, Timeline, Vertical
+from stadera.weigh.settings import WeighSettings
 
-Blocks = Sequence[RestBlock]
-
-_REPORTED = 500  # samples between two progress reports
+Locate = Callable[[Measurement, ContactForceEstimator], Weigher]
+"""Makes the estimator of the centre of mass; given the log's first measurement."""
 
 
-def weigh_at_rest(request: Request) -> Weighing:
-    """Weighs from the times at rest. Raises as `stadera.weigh.weigh`."""
-    return _AtRest(request).result()
+@dataclass(frozen=True, eq=False)
+class RestBlock:
+    """A short period at rest, or several of one load, from the first to the last sample [s]."""
+
+    begin: float
+    end: float
+    count: int
+    mass: float  # mean over `count` samples [kg]
+    # of the mean due to white noise [kg²]: the larger of the stated one and that of the samples' scatter
+    variance: float
+    sensitivity: Array  # (39,), s: of the mass to constant errors
+    load: Array  # (4,) [N], mean vertical forces
+    noticed: float = np.nan  # end of the block that confirmed the change to this load [s]; NaN for the first load
+
+    def joined(self, later: RestBlock) -> RestBlock:
+        """This block and a later one of the same load."""
+        count = self.count + later.count
+        old, new = self.count / count, later.count / count
+        return replace(
+            self,
+            end=later.end,
+            count=count,
+            mass=old * self.mass + new * later.mass,
+            variance=old**2 * self.variance + new**2 * later.variance,
+            sensitivity=old * self.sensitivity + new * later.sensitivity,
+            load=old * self.load + new * later.load,
+        )
+
+    def std(self, errors: ConstantErrors) -> float:
+        """Standard deviation of the mass, constant errors included [kg]."""
+        return sqrt(self.variance + self.sensitivity @ errors.covariance @ self.sensitivity)
+
+    def variance_from(self, other: RestBlock, covariance: Array) -> float:
+        """Variance of the difference of two masses [kg²]: white noise of both, and the part of constant errors of this
+        covariance (39, 39) that does not cancel.
+        """
+        apart = self.sensitivity - other.sensitivity
+        return float(self.variance + other.variance + apart @ covariance @ apart)
 
 
 @dataclass
-class _Poses:
-    """Means of the poses held during one load, of which the latest `most` are kept."""
+class _OpenBlock:
+    """A block that is still being filled, and its measurements as far as they are of a load's poses."""
 
-    most: int
-    alike: Alike = field(default_factory=Alike)
-    means: list[PoseMean] = field(default_factory=list)
+    begin: float
+    count: int = 0
+    mass: float = 0.0
+    squares: float = 0.0
+    load: Array = field(default_factory=lambda: np.zeros(4))
+    held: list[Measurement] = field(default_factory=list)
+    in_pose: bool = True  # False once a tare was taken within it
+    last: tuple[ContactForces, Measurement] | None = None
 
-    def add(self, measurement: Measurement) -> None:
-        if not (self.means and self.means[-1].takes(measurement, self.alike)):
-            self.means.append(PoseMean(measurement))
-            del self.means[: -self.most]
+    def add(self, m: Measurement, forces: ContactForces, leg_mass: float) -> None:
+        load = forces.vertical(m.up)
+        self.count += 1
+        away = float(load.sum()) / GRAVITY - leg_mass - self.mass
+        self.mass += away / self.count
+        self.squares += away**2 * (1.0 - 1.0 / self.count)
+        self.load = self.load + load
+        self.last = (forces, m)
+        self.held.append(m)
+
+    def closed(self, robot: Robot, fewest: int = 3) -> RestBlock | None:
+        """The block; None if it has too few samples."""
+        if self.last is None or self.count < fewest:
+            return None
+        forces, m = self.last
+        sensitivity, n = felt_by_mass(forces, m, robot), self.count
+        white = float(sensitivity[:12] ** 2 @ forces.noise.torque_white.ravel() ** 2)
+        variance = max(white, self.squares / (n - 1)) / n
+        return RestBlock(self.begin, m.time, n, self.mass, variance, sensitivity, self.load / n)
 
 
-class _Within:
-    """Tells whether times, queried in increasing order, lie in blocks at rest."""
+@dataclass
+class _Load:
+    """What is learnt while one load lasts: the method's estimator, its estimates at the ends of blocks, and poses."""
 
-    def __init__(self, blocks: Blocks) -> None:
-        self._blocks, self._at = blocks, 0
-
-    def has(self, time: float) -> bool:
-        while self._at < len(self._blocks) and self._blocks[self._at].end < time:
-            self._at += 1
-        return self._at < len(self._blocks) and self._blocks[self._at].begin <= time
+    estimator: Weigher
+    estimates: list[TrunkEstimate] = field(default_factory=list)
+    poses: list[PoseMean] = field(default_factory=list)
 
 
-class _AtRest:
-    """Working state of one weighing."""
+class _Movement:
+    """A period without rest, and the reason that applied for most of its samples; figures in it do not count."""
 
-    def __init__(self, request: Request) -> None:
-        self.request, self.robot, self.settings = request, request.robot, request.settings
-        self.errors = ConstantErrors.of_robot(self.robot, self.settings.trunk.model)
-        torques = np.sqrt(np.diag(self.errors.covariance)[:12]).reshape(4, 3)
-        noise = replace(ForceNoise.of(self.robot), torque_constant=torques)
-        self.forces = ContactForceEstimator(self.robot, noise, MeasuredLegs(self.robot))
-        self.limits = LevelLimits(
-            self.settings.least_change * self.robot.mass, self.settings.change_deviations, self.errors
-        )
-        self.has_imu = check_source(request)
-        self.log = CheckedLog(request, request.source)
-        self._logs = [self.log]
-        self._remarks: list[str] = []
-        self._lies = False
+    def __init__(self, begin: float) -> None:
+        self.begin = begin
+        self._reasons: Counter[str] = Counter()
+        self._first: dict[str, str] = {}  # of each kind
+
+    def add(self, reason: str) -> None:
+        kind = re.sub(r"[-+]?\d[\d.]*|'[^']*'", "#", reason)
+        self._reasons[kind] += 1
+        self._first.setdefault(kind, reason)
+
+    def until(self, end: float) -> Refusal:
+        return Refusal(self.begin, end, self._first[self._reasons.most_common(1)[0][0]])
+
+
+class AtRest(StepEstimator):
+    """Estimates mass, centre of mass and payload of a robot while it stands still.
+
+    Args:
+        locate: makes the method's estimator of the centre of mass.
+        no_imu: what to add to errors if the log has none.
+
+    Attributes:
+        blocks: at rest so far.
+        spikes, impacts, torque_lag: unknown to it.
+    """
+
+    def __init__(self, robot: Robot, locate: Locate, settings: WeighSettings, no_imu: str = "") -> None:
+        self.robot, self._settings, self._locate, self._no_imu = robot, settings, locate, no_imu
+        self._prior = ConstantErrors.of_robot(robot, settings.trunk.model)
+        torques = np.sqrt(np.diag(self._prior.covariance)[:12]).reshape(4, 3)
+        self._forces = ContactForceEstimator(robot, replace(ForceNoise.of(robot), torque_constant=torques))
+        self._alike = Alike()
+        self._first: Measurement | None = None
+        self._gate = StaticDetector(self._forces.legs)
+        self.blocks: list[RestBlock] = []
+        self._means: list[RestBlock] = []
+        self._load: _Load | None = None
+        self._next: _Load | None = None  # from the block that waits for confirmation on
+        self._waiting: RestBlock | None = None
+        self._open: _OpenBlock | None = None
+        self._earlier: list[TrunkEstimate] = []  # of former loads, at the ends of their blocks
+        self._reference: list[PoseMean] | None = None
+        self._tared_at = np.nan
+        self._refused: list[Refusal] = []
+        self._moves: _Movement | None = None
+        self._time, self._begin, self._reason = np.nan, np.nan, ""
+        self._sized: ConstantErrors | None = None
+
+    # -- feeding ------------------------------------------------------------------------------------------------------
+    def update(self, m: Measurement) -> None:
+        """Processes one measurement."""
+        if self._first is None:
+            self._first, self._begin = m, m.time
+        if self._load is None:
+            self._load = _Load(self._locate(self._first, self._forces))
+        forces, self._time = self._forces.at(m), m.time
+        reason = self._reason = self._gate.complaint(m, forces) or stretched(forces, self.robot, m.stance)
+        if reason or (self._open is not None and m.time - self._open.begin >= self._settings.block):
+            self._close()
+        if reason:
+            self._moves = self._moves or _Movement(m.time)
+            self._moves.add(reason)
+        else:
+            if self._moves is not None:
+                self._refused.append(self._moves.until(m.time))
+                self._moves = None
+            self._open = self._open or _OpenBlock(m.time)
+            self._open.add(m, forces, self._forces.legs.mass)
+        for load in (self._load, self._next):
+            if load is not None:
+                load.estimator.update(m)
+
+    def tare(self) -> None:
+        """Makes the poses held so far under this load the reference for `payload`."""
+        if self._load is None:
+            return
+        self._reference, self._load.poses, self._tared_at = self._load.poses, [], self._time
+        if self._open is not None:
+            self._open.in_pose = False
+        self._sized = None
+
+    def restart(self) -> None:
+        """Announces that the next measurements do not continue the previous ones."""
+        self._close()
+        if self._moves is not None:
+            self._refused.append(self._moves.until(self._time))
+            self._moves = None
+        self._gate, self._first, self._sized = StaticDetector(self._forces.legs), None, None
+
+    def _close(self) -> None:
+        """Ends the open block; decides whether the load changed."""
+        opened, self._open = self._open, None
+        block = None if opened is None else opened.closed(self.robot)
+        if opened is None or block is None or self._load is None:
+            return
+        self.blocks.append(block)
+        self._sized, held = None, opened.held if opened.in_pose else []
+        for load in (self._load, self._next):
+            if load is not None:
+                load.estimates.append(load.estimator.estimate())
+                self._hold(load, held)
+        if not self._means:
+            self._means.append(block)
+        elif not self._departs(self._means[-1], block):
+            self._means[-1], self._waiting, self._next = self._means[-1].joined(block), None, None
+        elif self._waiting is not None and self._next is not None and self._same_side(self._waiting, block):
+            self._means.append(replace(self._waiting, noticed=block.end).joined(block))
+            self._earlier += self._load.estimates[: -len(self._next.estimates)]
+            self._load, self._next, self._waiting = self._next, None, None
+        else:
+            assert self._first is not None
+            self._waiting, self._next = block, _Load(self._locate(self._first, self._forces))
+            self._next.estimator.add(opened.held)
+            self._next.estimates.append(self._next.estimator.estimate())
+            self._hold(self._next, held)
+
+    def _hold(self, load: _Load, held: Sequence[Measurement]) -> None:
+        for m in held:
+            gather(load.poses, m, self._alike, self._settings.poses)
+
+    def _departs(self, mean: RestBlock, block: RestBlock) -> bool:
+        """True if a block deviates from the mean of its load."""
+        settings, std = self._settings, sqrt(block.variance_from(mean, self._prior.covariance))
+        least = max(settings.least_change * self.robot.mass, settings.change_deviations * std)
+        return abs(block.mass - mean.mass) > least
+
+    def _same_side(self, waiting: RestBlock, block: RestBlock) -> bool:
+        return (waiting.mass > self._means[-1].mass) == (block.mass > self._means[-1].mass)
+
+    # -- asking -------------------------------------------------------------------------------------------------------
+    def estimate(self) -> TrunkEstimate:
+        """The method's estimate at the end of the last block, and the mass of the load."""
+        if not self.blocks:
+            reason = f"the robot never stands still, nothing to weigh by: {self._usual_reason}{self._no_imu}"
+            return TrunkEstimate(np.nan, TrunkModel.prior(self.robot), unobserved(), Status.REFUSED, reason)
+        trunk, last = self.trunk, self._last
+        return TrunkEstimate(self.learnt, TrunkModel.of(trunk.inertial), trunk.covariance, last.status, last.reason)
 
     @property
-    def _no_imu(self) -> str:
-        return "" if self.has_imu else "; the log has no IMU, without which only rest can be weighed by"
+    def learnt(self) -> float:
+        """End of the last block [s]; NaN before any."""
+        return self.blocks[-1].end if self.blocks else np.nan
 
-    def result(self) -> Weighing:
-        rest, source = self._rest(self.log), self.request.source.source
-        means = loads(rest.blocks, self.limits)
-        level = levels(rest.blocks, means)
-        tare_poses, load_poses = _Poses(self.settings.poses), _Poses(self.settings.poses)
-        last = [b for b, n in zip(rest.blocks, level, strict=True) if n == level[-1]]
-        tare, loaded = self._split(rest, means, last)
-        estimates = self._estimates(rest, means, ((tare, tare_poses), (loaded, load_poses)))
-        final, scatter = estimates[-1], misfit(rest.blocks, level, means, self.limits)
-        self.errors = sized_by_poses(tare_poses.means, load_poses.means, self.forces, self.errors)
-        payload = self._payload(tare_poses.means, load_poses.means)
-        vertical = vertical_at(load_poses.means[-1], self.forces, self.errors)
-        if vertical.source == "forces":
-            self._remarks.insert(0, _without_imu(vertical))
-        self._remark_on(final)
-        pose = load_poses.means[-1].measurement
-        self._lies = bool(lying(self.robot, pose.joint_position[None], pose.up[None])[0])
-        found = Weighing(
-            robot=self.robot,
-            source=source,
-            method=self.request.method,
-            status=str(final.status),
-            trust=self._trust(scatter, rest),
-            trunk=self._trunk(means[-1], final),
-            time=rest.blocks[-1].end,
-            payload=payload,
-            changes=self._changes(means, payload),
-            timeline=self._timeline(rest.blocks, estimates),
-            refusals=tuple(sorted((*rest.refusals, *self.log.refusals), key=lambda refusal: refusal.begin)),
-            begin=self.log.begin,
-            end=self.log.end,
-            balance=self._balance(load_poses.means[-1].measurement, final, means[-1].mass),
-            vertical=vertical,
-            notes=tuple(dict.fromkeys([*self._remarks, *(note for log in self._logs for note in log.notes)])),
-        )
-        return with_common_gain(found.widened(self._widening(scatter)), self.settings.trunk.model.common_gain)
+    @property
+    def refusal(self) -> str:
+        """Why the latest measurement was not at rest; empty if it was."""
+        return self._reason
 
-    # -- the log ----------------------------------------------------------------------------------------------
-    def _measurements(self, log: CheckedLog, what: str) -> Iterator[Measurement]:
-        done = 0
-        for chunk in log:
-            if chunk.imu is None:
-                if log is not self.log:
-                    log.notes["no IMU in the tare's log: its vertical is the direction of the feet's forces"] = None
-                measurements = measurements_without_imu(chunk, self.robot)
-            else:
-                measurements = measurements_of(chunk, self.robot, self.request.imu_frame)
-            for m in measurements:
-                done += 1
-                if self.request.progress and done % _REPORTED == 0:
-                    self.request.progress(what, done, 0)
-                yield m
+    @property
+    def refusals(self) -> tuple[Refusal, ...]:
+        """Periods without rest, and why, in order."""
+        return tuple(self._refused)
 
-    def _rest(self, log: CheckedLog) -> Rest:
-        found = self._measurements(log, f"looking for rest in {log.source.name}")
-        rest = times_at_rest(found, self.forces, self.settings.block)
-        if not rest.blocks:
+    @property
+    def trunk(self) -> TrunkParameters:
+        """The mass by eq. 7 over the whole load, the centre of mass from the method, the inertia of the prior."""
+        prior = self.robot.inertias[self.robot.trunk]
+        if not self._means:
+            return TrunkParameters.unobserved(prior)
+        found, mass, alone = self._last, self._means[-1].mass, self._wide * self._means[-1].std(self._errors)
+        hidden = np.isnan(found.std[1:])
+        covariance = np.zeros((4, 4))  # mass and centre of mass are estimated separately
+        covariance[0, 0] = self._with_gain(alone, mass + self.robot.mass - prior.mass) ** 2
+        covariance[1:, 1:] = self._wide**2 * found.covariance[1:, 1:]
+        com = np.where(hidden, prior.com, found.trunk.com_trunk)
+        inertial = InertialParameters.from_com(mass, com, prior.inertia_com)
+        observed = np.array([True, *~hidden, *[False] * 6])
+        return TrunkParameters(inertial, covariance, np.full(6, np.nan), observed, alone)
+
+    @property
+    def payload(self) -> Payload | None:
+        """By the difference between poses. Raises IdentificationError: there was no rest on one side."""
+        if self._reference is None or self._load is None:
+            return None
+        if not self._load.poses:
             raise IdentificationError(
-                f"{log.source.source}: the robot never stands still, nothing to weigh by: {rest.usual_reason}"
+                f"the robot does not stand still after the tare's time, {self._tared_at - self._begin:.3g} s"
                 f"{self._no_imu}"
             )
-        return rest
-
-    # -- tare -------------------------------------------------------------------------------------------------
-    def _split(self, rest: Rest, means: Blocks, last: list[RestBlock]) -> tuple[list[RestBlock], list[RestBlock]]:
-        """Blocks of the tare and of the load in this log."""
-        tare, source = self.request.tare, self.request.source.source
-        if not isinstance(tare, tuple):
-            return [], last
-        begin, end = tare
-        within = [b for b in rest.blocks if begin <= b.begin and b.end <= end]
-        if not within:
-            raise IdentificationError(
-                f"{source}: the robot does not stand still in the tare's time, {begin - rest.begin:g} to "
-                f"{end - rest.begin:g} s; the log is {rest.end - rest.begin:.3g} s long{self._no_imu}"
-            )
-        for mean in means[1:]:
-            if within[0].begin < mean.begin <= within[-1].begin:
-                raise IdentificationError(
-                    f"{source}: the load changes within the tare's time, at {mean.begin - rest.begin:.2f} s"
-                )
-        after = [b for b in last if b.begin > end]
-        if not after:
-            raise IdentificationError(
-                f"{source}: the robot does not stand still after the tare's time, {end - rest.begin:g} s{self._no_imu}"
-            )
-        return within, after
-
-    def _payload(self, tare: list[PoseMean], loaded: list[PoseMean]) -> Payload | None:
-        if self.request.tare is None:
-            return None
-        if not isinstance(self.request.tare, tuple):
-            tare = self._poses_of(self.request.tare)
-        return payload_between(tare, loaded, self.forces, self.errors)
-
-    def _poses_of(self, source: Source) -> list[PoseMean]:
-        """Poses of the last load in another log."""
-        log = CheckedLog(self.request, source)
-        self._logs.append(log)
-        rest = self._rest(log)
-        means = loads(rest.blocks, self.limits)
-        if len(means) > 1:
-            raise IdentificationError(
-                f"{source.source}: the load changes in the tare, at {means[1].begin - rest.begin:.2f} s"
-            )
-        within, poses = _Within(rest.blocks), _Poses(self.settings.poses)
-        for m in self._measurements(log, f"weighing {source.name}"):
-            if within.has(m.time):
-                poses.add(m)
-        return poses.means
-
-    def _changes(self, means: Blocks, payload: Payload | None) -> tuple[LoadChange, ...]:
-        """Changes of the load in this log. A single change since a tare in this log is the payload."""
-        changes, tare = changes_between(means, self.errors), self.request.tare
-        if not isinstance(tare, tuple):
-            return changes
-        before = tuple(c for c in changes if c.time <= tare[1])
-        return (*before, *since_tare(changes[len(before) :], payload))
-
-    # -- the centre of mass -----------------------------------------------------------------------------------
-    def _estimates(self, rest: Rest, means: Blocks, gathered: Sequence[tuple[Blocks, _Poses]]) -> list[TrunkEstimate]:
-        """The method's estimate at the end of each block. Also collects the poses of the given blocks."""
-        found: list[TrunkEstimate] = []
-        within = [(_Within(blocks), poses) for blocks, poses in gathered]
-        starts = [mean.begin for mean in means[1:]]
-        estimator: Estimator | None = None
-        reference: Array | None = None
-        for m in self._measurements(self.log, f"weighing {self.request.source.name}"):
-            if estimator is None or (starts and m.time >= starts[0]):
-                if estimator is None:
-                    reference = m.rotation
-                else:
-                    starts.pop(0)
-                estimator = make_estimator(self.request.method, self._setup(reference))
-            estimator.update(m)
-            for blocks, poses in within:
-                if blocks.has(m.time):
-                    poses.add(m)
-            if len(found) < len(rest.blocks) and m.time >= rest.blocks[len(found)].end:
-                found.append(estimator.estimate())
-        return found
-
-    def _setup(self, reference: Array | None) -> Setup:
-        stiffness = self.request.stiffness
-        if stiffness is None:
-            return Setup(self.robot, forces=self.forces)
-        if reference is None:
-            raise IdentificationError(
-                f"{self.request.source.source}: the method 'orientation' needs columns imu.orientation.x, ..."
-            )
-        return Setup(
-            self.robot, forces=self.forces, posture=PostureLaw(np.array(stiffness), reference, feeds_back=False)
+        found = payload_between(self._reference, self._load.poses, self._forces, self._errors)
+        return replace(
+            found,
+            mass_std=self._with_gain(self._wide * found.mass_std, found.mass),
+            mass_std_without_scale=self._wide * found.mass_std,
+            com_covariance=self._wide**2 * found.com_covariance,
         )
 
-    def _remark_on(self, final: TrunkEstimate) -> None:
-        method = self.request.method
-        if isnan(final.time):
-            self._remarks.append(f"the method {method!r} found no centre of mass: {final.reason or 'no rest'}")
-        elif final.status is Status.REFUSED:
-            self._remarks.append(f"the centre of mass is the last good one: {final.reason}")
-        elif final.status is not Status.CONVERGED:
-            self._remarks.append(
-                f"the method {method!r} had not settled by its own rule at the end of the log; a longer rest, or poses "
-                "with the trunk tilted for methods that use poses, would tell more"
-            )
+    @property
+    def changes(self) -> tuple[LoadChange, ...]:
+        """From each load to the next; static friction of each is its own."""
+        found = []
+        for before, after in pairwise(self._means):
+            alone = self._wide * sqrt(change_variance(before, after, self._errors))
+            mass = after.mass - before.mass
+            kind, std = "on" if mass > 0 else "off", self._with_gain(alone, mass)
+            found.append(LoadChange(after.begin, after.noticed, mass, std, kind, alone))  # type: ignore[arg-type]
+        return tuple(found)
 
-    # -- the result -------------------------------------------------------------------------------------------
-    def _trunk(self, mean: RestBlock, final: TrunkEstimate) -> TrunkParameters:
-        """The mass by eq. 7 over the whole load, the centre of mass from the method, the inertia of the prior."""
-        prior, hidden = self.robot.inertias[self.robot.trunk], np.isnan(final.std[1:])
-        com = np.where(hidden, prior.com, final.trunk.com_trunk)
-        covariance = np.zeros((4, 4))  # mass and centre of mass are estimated separately
-        covariance[0, 0] = mean.std(self.errors) ** 2
-        covariance[1:, 1:] = final.covariance[1:, 1:]
-        return TrunkParameters(
-            InertialParameters.from_com(mean.mass, com, prior.inertia_com),
-            covariance,
-            np.full(6, np.nan),
-            np.array([True, *~hidden, *[False] * 6]),
-        )
-
-    def _trust(self, misfit: float, rest: Rest) -> Trust:
+    @property
+    def trust(self) -> Trust:
+        """By the scatter of the masses of blocks, and the time since the last of them."""
+        misfit, since = self._misfit, self._time - self.learnt
         trust = Trust("good", misfit)
-        if self._widening(misfit) > 1.0:
+        if self._wide > 1.0:
             reason = f"the masses of blocks at rest scatter {misfit:.3g} times as much as stated (variance)"
             trust = trust.at_most("doubtful", f"{reason}; the error bars are widened by it")
-        for log in self._logs:
-            for verdict, reason in log.doubts:
-                trust = trust.at_most(verdict, reason)
-        if self._lies:
-            trust = trust.at_most("doubtful", LIES)
-        moved, last = self.log.end - rest.blocks[-1].end, rest.blocks[-1].end
-        if moved > self.settings.stale:
+        if since > self._settings.stale:
             trust = trust.at_most(
                 "doubtful",
-                f"the robot stands still until {last - self.log.begin:.2f} s and not in the {moved:.1f} s after it; a "
-                "change of the load from then on would not be seen",
+                f"the robot stands still until {self.learnt - self._begin:.2f} s and not in the {since:.1f} s after "
+                "it; a change of the load from then on would not be seen",
             )
         return trust
 
-    def _widening(self, misfit: float) -> float:
-        """Factor on all error bars that accounts for the scatter of the blocks' masses."""
-        return sqrt(misfit) if misfit > self.settings.doubtful_misfit else 1.0
-
-    def _timeline(self, blocks: Blocks, estimates: list[TrunkEstimate]) -> Timeline:
+    @property
+    def timeline(self) -> Timeline:
+        """Mass and feet's forces of each block alone, and the centre of mass at its end."""
+        blocks, estimates = self.blocks, [*self._earlier, *(self._load.estimates if self._load else ())]
         std = np.array([estimate.std[1:] for estimate in estimates])
         com = np.array([estimate.trunk.com_trunk for estimate in estimates])
         return Timeline(
-            time=np.array([b.time for b in blocks]),
+            time=np.array([0.5 * (b.begin + b.end) for b in blocks]),
             mass=np.array([b.mass for b in blocks]),
-            mass_std=np.array([b.std(self.errors) for b in blocks]),
+            mass_std=np.array([b.std(self._errors) for b in blocks]),
             com=np.where(np.isnan(std), np.nan, com),
             com_std=std,
             load=np.array([b.load for b in blocks]),
         )
 
-    def _balance(self, m: Measurement, final: TrunkEstimate, mass: float) -> Balance:
-        forces, up = self.forces.at(m), m.up
+    @property
+    def vertical(self) -> Vertical:
+        """In the last pose, with the error due to constant errors and white noise."""
+        pose, errors = self._pose, self._errors
+        m = pose.measurement
+        if not m.vertical_by_forces:
+            turned = skew(m.up)
+            return Vertical("imu", m.up, np.sqrt(np.diag(turned @ errors.covariance[24:27, 24:27] @ turned.T)))
+        forces = self._forces.at(m)
+        felt = weight_felt(forces, self.robot, m.joint_position, m.up)[1:]
+        white = felt[:, :12] * (forces.noise.torque_white.ravel() ** 2 / pose.count) @ felt[:, :12].T
+        return Vertical("forces", m.up, np.sqrt(np.diag(felt @ errors.covariance @ felt.T + white)))
+
+    @property
+    def balance(self) -> Balance:
+        """In the last pose."""
+        m, found, mass, legs = self._pose.measurement, self._last, self._means[-1].mass, self._forces.legs
+        forces, up = self._forces.at(m), m.up
         ahead = np.array([1.0, 0.0, 0.0]) - up[0] * up
         ahead /= np.linalg.norm(ahead)
         to_level = np.array([ahead, np.cross(up, ahead), up])
-        load = np.where(forces.stance, np.nan_to_num(forces.force) @ up, 0.0)
-        feet = forces.contact @ to_level.T
-        seen = not isnan(final.time)
-        legs = self.forces.legs
-        com = (mass * final.trunk.com_trunk + legs.at(m).moment) / (mass + legs.mass)
+        load, feet = forces.vertical(up), forces.contact @ to_level.T
+        com = (mass * found.trunk.com_trunk + legs.at(m).moment) / (mass + legs.mass)
         return Balance(
             to_level=to_level,
             feet=forces.contact,
             stance=forces.stance,
             force=load,
             pressure=load @ feet[:, :2] / load.sum(),
-            robot_com=(to_level @ com)[:2] if seen else np.full(2, np.nan),
+            robot_com=np.full(2, np.nan) if isnan(found.time) else (to_level @ com)[:2],
         )
 
+    def remarks(self, method: str) -> list[str]:
+        """On the vertical without an IMU, and on the method's estimate, one sentence each."""
+        found, vertical, said = self._last, self.vertical, []
+        if vertical.source == "forces":
+            said.append(
+                "no IMU: weighed while the joints stand still, with the direction of the feet's forces as the "
+                f"vertical, known to ±{degrees(vertical.tilt_std):.2g}°, which is in the error bars; a steady push or "
+                "pull and a floor that accelerates would be taken for weight, and neither inertia nor anything in "
+                "motion is known"
+            )
+        if isnan(found.time):
+            said.append(f"the method {method!r} found no centre of mass: {found.reason or 'no rest'}")
+        elif found.status is Status.REFUSED:
+            said.append(f"the centre of mass is the last good one: {found.reason}")
+        elif found.status is not Status.CONVERGED:
+            said.append(
+                f"the method {method!r} had not settled by its own rule at the end of the log; a longer rest, or poses "
+                "with the trunk tilted for methods that use poses, would tell more"
+            )
+        return said
 
-def with_common_gain(found: Weighing, gain: float) -> Weighing:
-    """With the error of a scale that all torques have in common, which no pose shows, added to the bars of masses."""
-    trunk, payload = found.trunk, found.payload
-    covariance = trunk.covariance.copy()
-    covariance[0, 0] += (
-        gain * (found.robot.mass - found.robot.inertias[found.robot.trunk].mass + trunk.inertial.mass)
-    ) ** 2
-    if payload is not None:
-        alone = payload.mass_std
-        payload = replace(payload, mass_std=float(np.hypot(alone, gain * payload.mass)), mass_std_without_scale=alone)
-    changes = tuple(
-        replace(c, mass_std=float(np.hypot(c.mass_std, gain * c.mass)), mass_std_without_scale=c.mass_std)
-        for c in found.changes
-    )
-    trunk = replace(trunk, covariance=covariance, mass_std_without_scale=trunk.mass_std)
-    return replace(found, trunk=trunk, payload=payload, changes=changes)
+    # -- inside -------------------------------------------------------------------------------------------------------
+    @property
+    def _last(self) -> TrunkEstimate:
+        """The method's estimate at the end of the last block."""
+        assert self._load is not None
+        return self._load.estimates[-1]
+
+    @property
+    def _pose(self) -> PoseMean:
+        """The last pose; that of the tare right after it."""
+        assert self._load is not None
+        return (self._load.poses or self._reference or [])[-1]
+
+    @property
+    def _errors(self) -> ConstantErrors:
+        """The constant errors, with the sizes that the poses show."""
+        if self._sized is None:
+            poses = [] if self._load is None else self._load.poses
+            self._sized = sized_by_poses(self._reference or [], poses, self._forces, self._prior)
+        return self._sized
+
+    @property
+    def _misfit(self) -> float:
+        """Variance of the blocks' masses about the mean of their load, divided by the stated one; NaN for too few
+        blocks. Disturbances are excluded. Each mean takes one degree of freedom.
+        """
+        squares, freedom = 0.0, -len(self._means)
+        for block, at in zip(self.blocks, levels(self.blocks, self._means), strict=True):
+            mean = self._means[at]
+            if not self._departs(mean, block):
+                variance = block.variance_from(replace(mean, variance=0.0), self._prior.covariance)
+                squares, freedom = squares + (block.mass - mean.mass) ** 2 / variance, freedom + 1
+        return squares / freedom if freedom > 0 else np.nan
+
+    @property
+    def _wide(self) -> float:
+        """Factor on all error bars that accounts for the scatter of the blocks' masses."""
+        misfit = self._misfit
+        return sqrt(misfit) if misfit > self._settings.doubtful_misfit else 1.0
+
+    def _with_gain(self, std: float, mass: float) -> float:
+        """A mass's standard deviation with that of the scale of all torques in common, which no pose shows."""
+        return hypot(std, self._settings.trunk.model.common_gain * mass)
+
+    @property
+    def _usual_reason(self) -> str:
+        """The reason against rest that applied for the longest time."""
+        moved = [*self._refused, *([] if self._moves is None else [self._moves.until(self._time)])]
+        longest = max(moved, key=lambda r: r.end - r.begin, default=None)
+        return "" if longest is None else longest.reason
 
 
-def vertical_at(pose: PoseMean, forces: ContactForceEstimator, errors: ConstantErrors) -> Vertical:
-    """The vertical in a pose at rest, with the error due to constant errors and white noise."""
-    m = pose.measurement
-    if not m.vertical_by_forces:
-        turned = skew(m.up)
-        return Vertical("imu", m.up, _sizes(turned @ errors.covariance[24:27, 24:27] @ turned.T))
-    found = forces.at(m)
-    felt = weight_felt(found, forces.robot, m.joint_position, m.up)[1:]
-    white = felt[:, :12] * (found.noise.torque_white.ravel() ** 2 / pose.count) @ felt[:, :12].T
-    return Vertical("forces", m.up, _sizes(felt @ errors.covariance @ felt.T + white))
+def levels(blocks: Sequence[RestBlock], means: Sequence[RestBlock]) -> NDArray[np.int64]:
+    """Number of changes before each block, (blocks,)."""
+    starts = [mean.begin for mean in means[1:]]
+    return np.searchsorted(starts, [block.begin for block in blocks], side="right").astype(np.int64)
 
 
-def _without_imu(vertical: Vertical) -> str:
-    return (
-        "no IMU: weighed while the joints stand still, with the direction of the feet's forces as the vertical, known "
-        f"to ±{degrees(vertical.tilt_std):.2g}°, which is in the error bars; a steady push or pull and a floor that "
-        "accelerates would be taken for weight, and neither inertia nor anything in motion is known"
-    )
-
-
-def _sizes(covariance: Array) -> Array:
-    return np.sqrt(np.diag(covariance))
+def change_variance(before: RestBlock, after: RestBlock, errors: ConstantErrors) -> float:
+    """Variance of the difference of two loads [kg²]: static friction of each is its own."""
+    own = sum(float(s[:12] @ errors.sticking @ s[:12]) for s in (before.sensitivity, after.sensitivity))
+    return after.variance_from(before, errors.lasting) + own

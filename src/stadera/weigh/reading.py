@@ -10,6 +10,7 @@ them where they are at the log's beginning. A log that lacks them has them held 
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from itertools import chain
 
 import numpy as np
 
@@ -17,19 +18,15 @@ from stadera.checks import FATAL, Finding, contradictions, diagnose
 from stadera.checks.windows import window_faults, with_verdicts
 from stadera.errors import RecordingError, UntrustedError
 from stadera.logs import Recording, stream, take
-from stadera.logs.columns import HALF_IMU
-from stadera.logs.reader import HEAD_ROWS, read_head
 from stadera.logs.recording import OtherJoints, with_velocity
 from stadera.robot.model import Robot
-from stadera.trunk.registry import METHODS, method_of
+from stadera.trunk.registry import METHODS
 from stadera.trust import Verdict
+from stadera.types import Array, Bools
 from stadera.weigh.result import Refusal
-from stadera.weigh.settings import IN_MOTION, Request, Source, WeighSettings
+from stadera.weigh.settings import Source, WeighSettings
 
-WITH_IMU, WITHOUT_IMU = "contact", "poses"
-"""Default methods at rest."""
-
-_COMPLETE = 0.9  # share of the samples that must have the joints of no leg for these to be used
+_UNITS = ("time_unit", "position_unit", "velocity_unit", "velocity_order", "gyro_unit", "imu_gravity")
 _VERDICTS: dict[str, Verdict] = {
     "contradiction": "bad",
     "not_on_feet": "bad",
@@ -39,75 +36,42 @@ _VERDICTS: dict[str, Verdict] = {
 }
 
 
-def choose_method(robot: Robot, source: Source, tare: object, settings: WeighSettings) -> str:
-    """Chooses the method for a log: in motion, standing included, with an IMU and at least 50 samples a second,
-    otherwise at rest. A tare's log needs an IMU as well. Raises RecordingError as `read_head`, and for a log with half
-    an IMU, of which perhaps only a column's name is not known.
-    """
-    first = read_head(source, robot.tree.joints)
-    if first.imu is None:
-        if half := next((note for note in first.notes if note.startswith(HALF_IMU)), ""):
-            raise RecordingError(
-                f"{source.source}: {half}: name it with --columns, or weigh without the IMU, at rest only, by "
-                f"--method {WITHOUT_IMU}"
-            )
-        return WITHOUT_IMU
-    other = None if tare is None or isinstance(tare, tuple) else read_head(tare, robot.tree.joints)  # type: ignore[arg-type]
-    slow = np.median(np.diff(first.time)) > settings.jitter / settings.least_rate
-    return WITH_IMU if slow or (other is not None and other.imu is None) else IN_MOTION
-
-
-def check_source(request: Request) -> bool:
-    """Checks that a log has the channels that the method needs. Returns True if it has an IMU. Raises RecordingError:
-    there are no joint torques, or no IMU although the method or an option needs one.
-    """
-    log, method = request.source, request.method
-    if read_head(log, request.robot.tree.joints).imu is not None:
-        return True
-    if method_of(method).needs_imu:
-        require_imu(request.robot, log, method)
-    topics = None if isinstance(log, Recording) else log.topics.imu
-    for option, asked in (("--imu-topic", topics), ("--imu-frame", request.imu_frame)):
-        if asked is not None:
-            raise RecordingError(f"{log.source}: {option} {asked}: the log has no IMU that can be used")
-    return False
-
-
-def require_imu(robot: Robot, source: Source, method: str) -> None:
-    """Checks that a log has an IMU. Raises RecordingError: there is none. The message names the missing columns and the
-    methods that need no IMU.
-    """
-    try:
-        stream(source, joints=robot.tree.joints, require=("imu",))
-    except RecordingError as error:
-        others = " or ".join(f"--method {name}" for name, other in METHODS.items() if not other.needs_imu)
-        raise RecordingError(
-            f"{error}; the method {method!r} needs an IMU; without one only a robot that stands still can be weighed, "
-            f"by {others}, with the direction of its feet's forces as the vertical"
-        ) from None
-
-
 class CheckedLog:
-    """The log of a weighing, or that of its tare, in chunks with joint velocities, each checked before it is yielded.
-    Can be iterated several times.
+    """The log of a weighing, or that of its tare, read once, in chunks with joint velocities; each chunk is checked
+    before it is yielded.
+
+    Args:
+        force: use the log although signs, orders, frames or units are wrong.
 
     Attributes:
+        first: its first chunk as recorded, which tells its channels and rate.
         notes: remarks on findings and on corrections made.
         doubts: verdict and reason of each finding that makes the result doubtful or bad.
-        begin, end: of the log [s]; NaN before the first iteration.
+        begin, end: of the log [s]; `end` as far as it was read.
         before, event: the times before and after the stretch in which the robot is on its feet, which are not used, and
             why; None if there are none.
         left_out: other times that are not used, because of a fault in them.
+
+    Raises:
+        RecordingError: as `stadera.logs.stream`, or for an empty log.
     """
 
-    def __init__(self, request: Request, source: Source, require: tuple[str, ...] = ()) -> None:
+    def __init__(
+        self, robot: Robot, source: Source, settings: WeighSettings, imu_frame: str | None = None, force: bool = False
+    ) -> None:
+        self.source, self.imu_frame = source, imu_frame
+        self._robot, self._settings, self._force = robot, settings, force
+        self._chunks = stream(source, joints=robot.tree.joints, require=("effort",))
+        first = next(self._chunks, None)
+        if first is None:
+            raise RecordingError(f"{source.source}: no samples")
+        self.first = first
+        self.begin, self.end = float(first.time[0]), np.nan
         self.notes: dict[str, None] = {}
         self.doubts: dict[tuple[Verdict, str], None] = {}
-        self.begin, self.end = np.nan, np.nan
         self.before: Refusal | None = None
         self.event: Refusal | None = None
         self.left_out: list[Refusal] = []
-        self._request, self.source, self._require = request, source, require
         self._sound = False
 
     @property
@@ -115,34 +79,52 @@ class CheckedLog:
         """The times that are not used."""
         return tuple(refusal for refusal in (self.before, *self.left_out, self.event) if refusal is not None)
 
-    def __iter__(self) -> Iterator[Recording]:
-        """Yields the chunks. Raises RecordingError as `stadera.logs.stream`, UntrustedError if signs, orders, frames or
-        units of the log are wrong and the request does not force a result.
+    def require_imu(self, method: str) -> None:
+        """Raises RecordingError: the log has no IMU. The message names the missing columns and the methods that need
+        none.
         """
-        known = not np.isnan(self.end)  # from an earlier reading
-        for chunk in stream(self.source, joints=self._request.robot.tree.joints, require=("effort", *self._require)):
+        if self.first.imu is not None:
+            return
+        try:
+            stream(self.source, joints=self._robot.tree.joints, require=("imu",))
+        except RecordingError as error:
+            others = " or ".join(f"--method {name}" for name, other in METHODS.items() if not other.needs_imu)
+            raise RecordingError(
+                f"{error}; the method {method!r} needs an IMU; without one only a robot that stands still can be "
+                f"weighed, by {others}, with the direction of its feet's forces as the vertical"
+            ) from None
+
+    def __iter__(self) -> Iterator[Recording]:
+        """Yields the chunks, once. Raises RecordingError as `stadera.logs.stream`, UntrustedError if signs, orders,
+        frames or units of the log are wrong and the result is not forced.
+        """
+        for chunk in chain((self.first,), self._chunks):
+            self.end = float(chunk.time[-1])
+            self._check_windows(chunk)
             checked = with_velocity(chunk)
-            if not known:
-                self.begin = float(chunk.time[0]) if np.isnan(self.begin) else self.begin
-                self._check_windows(chunk)
-                self.end = float(chunk.time[-1])
-                self.notes |= dict.fromkeys(checked.notes)
-                self.doubts |= {("doubtful", doubt): None for doubt in checked.doubts}
-                if self.event is None:
-                    self._check(checked)
-            if self.event is not None:
-                self.event = replace(self.event, end=max(self.event.end, self.end))
-                checked = take(checked, checked.time < self.event.begin)
-            for part in self.left_out:
-                checked = take(checked, (checked.time < part.begin) | (checked.time > part.end))
-            if self.before is not None:
-                checked = take(checked, checked.time > self.before.end)
+            self.notes |= dict.fromkeys(checked.notes)
+            self.doubts |= {("doubtful", doubt): None for doubt in checked.doubts}
+            if self.event is None:
+                self._check(checked)
+            else:
+                self.event = replace(self.event, end=self.end)
+            if self.refusals:
+                checked = take(checked, self._used(checked.time))
             if len(checked):
                 yield checked
 
+    def _used(self, time: Array) -> Bools:
+        """The samples outside the times that are left out."""
+        used = np.ones(len(time), dtype=bool)
+        for part in self.left_out:
+            used &= (time < part.begin) | (time > part.end)
+        if self.before is not None:
+            used &= time > self.before.end
+        return used if self.event is None else used & (time < self.event.begin)
+
     def _check_windows(self, chunk: Recording) -> None:
-        limits, duration = self._request.settings.windows, float(chunk.time[-1] - chunk.time[0])
-        for fault, verdict in with_verdicts(window_faults(chunk, self._request.robot, limits), duration, limits):
+        limits, duration = self._settings.windows, float(chunk.time[-1] - chunk.time[0])
+        for fault, verdict in with_verdicts(window_faults(chunk, self._robot, limits), duration, limits):
             if verdict is not None:
                 self.doubts[verdict, fault.message(self.begin)] = None
                 continue
@@ -151,13 +133,14 @@ class CheckedLog:
             self.left_out += [part for part in parts if part.begin not in [known.begin for known in self.left_out]]
 
     def _check(self, chunk: Recording) -> None:
-        findings = diagnose(chunk, self._request.robot, self._request.imu_frame)
+        findings = diagnose(chunk, self._robot, self.imu_frame)
         wrong = any(f.cause in (*FATAL, "contradiction", "not_on_feet") for f in findings)
-        if wrong and self._on_feet(chunk):
+        units = chunk.time[0] == self.begin and any(f.cause in _UNITS for f in findings)
+        if wrong and not units and self._on_feet(chunk):
             self._sound = True
             return
         self._sound = self._sound or not wrong
-        most = self._request.settings.windows.left_out * float(chunk.time[-1] - chunk.time[0])
+        most = self._settings.windows.left_out * float(chunk.time[-1] - chunk.time[0])
         for finding in findings:
             if finding.span is not None and finding.span[1] - finding.span[0] <= most:
                 self.notes[f"left out: {finding}"] = None
@@ -168,11 +151,11 @@ class CheckedLog:
     def _note(self, finding: Finding) -> None:
         text = f"{finding.cause.replace('_', ' ')}: {finding}"
         if finding.cause in FATAL:
-            if not self._request.force:
+            if not self._force:
                 raise UntrustedError(f"{self.source.source}: {finding}")
             self.doubts["bad", finding.message] = None
         elif verdict := _VERDICTS.get(finding.cause):
-            if verdict == "bad" and not self._request.force:
+            if verdict == "bad" and not self._force:
                 raise UntrustedError(f"{self.source.source}: not to be trusted: {text}")
             self.doubts[verdict, text] = None
         else:
@@ -180,12 +163,12 @@ class CheckedLog:
 
     def _on_feet(self, chunk: Recording) -> bool:
         """Finds the stretch in which the robot is on its feet, in a chunk with contradictions."""
-        window = self._request.settings.window
+        window = self._settings.window
         edges = np.arange(chunk.time[0], chunk.time[-1], window)
         faults = [self._faults(chunk, edge, edge + window) for edge in edges]
         consistent = [not found for found in faults]
         first, stop = (0, (*consistent, False).index(False)) if self._sound else _single(consistent)
-        if not self._sound and stop - first < self._request.settings.sound:
+        if not self._sound and stop - first < self._settings.sound:
             return False
         if first > 0:
             reason = f"sensors contradict each other up to here, as before a robot stands up: {faults[0][0]}"
@@ -197,7 +180,7 @@ class CheckedLog:
 
     def _faults(self, chunk: Recording, begin: float, end: float) -> tuple[str, ...]:
         part = take(chunk, slice(*np.searchsorted(chunk.time, [begin, end])))
-        return contradictions(part, self._request.robot, self._request.imu_frame) if len(part) > 1 else ()
+        return contradictions(part, self._robot, self.imu_frame) if len(part) > 1 else ()
 
 
 def _single(consistent: Sequence[bool]) -> tuple[int, int]:
@@ -236,17 +219,21 @@ def posed_as(robot: Robot, recorded: OtherJoints | None) -> Robot:
     return robot.posed(dict(zip(recorded.names, recorded.position[0].tolist(), strict=True)))
 
 
-def _reading_others(robot: Robot, log: Source, joints: tuple[str, ...]) -> tuple[Source, OtherJoints | None]:
-    """The log that also reads these joints, and what it begins with; the log itself if it lacks them or has gaps."""
+def _reading_others(
+    robot: Robot, log: Source, joints: tuple[str, ...], complete: float = 0.9, rows: int = 256
+) -> tuple[Source, OtherJoints | None]:
+    """The log that also reads these joints, and what it begins with; the log itself if it lacks them or has them in
+    less than a share `complete` of its first `rows` samples.
+    """
     if isinstance(log, Recording):
         other: Source = log.with_others(joints)
     else:
         other = replace(log, reading=replace(log.reading, others=joints))
     try:
-        first = next(stream(other, joints=robot.tree.joints, rows=HEAD_ROWS), None)
+        first = next(stream(other, joints=robot.tree.joints, rows=rows), None)
         if first is not None and first.others is not None:
-            whole = next(stream(log, joints=robot.tree.joints, rows=HEAD_ROWS))
-            if len(first) >= _COMPLETE * len(whole):
+            whole = next(stream(log, joints=robot.tree.joints, rows=rows))
+            if len(first) >= complete * len(whole):
                 return other, first.others
     except RecordingError:
         pass  # whoever reads the log says why

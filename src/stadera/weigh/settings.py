@@ -1,4 +1,4 @@
-"""Settings of weighing, and the validated request for one weighing."""
+"""Settings of weighing, and what a user names: a method, a weight, a tare."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, fields
@@ -10,10 +10,8 @@ from stadera.checks.limits import WindowLimits
 from stadera.errors import IdentificationError, require_positive
 from stadera.logs import LogFile
 from stadera.logs.recording import Recording
-from stadera.robot.model import Robot
-from stadera.trunk.registry import is_own, method_of
+from stadera.trunk.registry import method_of
 from stadera.trunk.settings import TrunkSettings
-from stadera.types import Progress
 from stadera.weigh.against_model import AgreementLimits
 
 if TYPE_CHECKING:
@@ -24,7 +22,7 @@ Source = LogFile | Recording
 Watch = Callable[["Samples", "TrunkEstimator"], None]
 """Called with samples (IMU values in trunk axes) and the estimator, after it has processed them."""
 IN_MOTION = "walking"
-"""Name in `METHODS` of the method for any motion. All others there weigh at rest."""
+"""Name in `METHODS` of the library's method for any motion."""
 
 
 @dataclass(frozen=True)
@@ -76,57 +74,14 @@ class WeighSettings:
         require_positive("weighing setting", self, numbers)
 
 
-@dataclass(frozen=True, eq=False)
-class Request:
-    """Validated request for one weighing; arguments as in `stadera.weigh`. Robot and log as they are after all
-    corrections.
+def check_choice(method: str | None, stiffness: tuple[float, float, float] | None) -> None:
+    """Checks a method (None if it is still to be chosen) and its stiffness.
 
     Raises:
         UnknownNameError, IdentificationError: as `stadera.trunk.registry.method_of`.
-        IdentificationError: the method "orientation" without a stiffness, another method with one, a stiffness that is
-            not positive, or a tare that does not begin before its end.
+        IdentificationError: the method "orientation" without a stiffness, another method with one, or a stiffness that
+            is not positive.
     """
-
-    robot: Robot
-    source: Source
-    tare: tuple[float, float] | Source | None
-    method: str
-    imu_frame: str | None = None
-    stiffness: tuple[float, float, float] | None = None
-    force: bool = False
-    settings: WeighSettings = field(default_factory=WeighSettings)
-    progress: Progress | None = None
-    watch: Watch | None = None
-    weight: tuple[float, float] | None = None
-
-    def __post_init__(self) -> None:
-        if self.watch is not None and self.method != IN_MOTION:
-            raise IdentificationError(
-                f"{self.source.source}: only weighing in motion, {IN_MOTION!r}, can be watched; this log is weighed by "
-                f"{self.method!r}"
-            )
-        if self.weight is not None and self.method != IN_MOTION:
-            raise IdentificationError(
-                f"{self.source.source}: a weight is used in motion, by {IN_MOTION!r}; this log is weighed by "
-                f"{self.method!r}"
-            )
-        check_choice(self.method, self.stiffness)
-        if isinstance(self.tare, tuple) and not self.tare[0] < self.tare[1]:
-            raise IdentificationError(f"a tare's range needs a beginning before its end, got {self.tare} s")
-
-    @property
-    def in_motion(self) -> bool:
-        """See `is_in_motion`."""
-        return is_in_motion(self.method)
-
-
-def is_in_motion(method: str) -> bool:
-    """True for the methods that weigh in any motion: the library's, and a user's own."""
-    return method == IN_MOTION or is_own(method)
-
-
-def check_choice(method: str | None, stiffness: tuple[float, float, float] | None) -> None:
-    """Checks a method (None if it is still to be chosen) and its stiffness. Raises as `Request`."""
     if method is not None:
         method_of(method)
     if stiffness is not None and not (np.isfinite(stiffness).all() and min(stiffness) > 0):

@@ -8,29 +8,23 @@ import numpy as np
 
 from stadera.checks import Finding, Guard
 from stadera.checks.other_robot import other_robots
-from stadera.errors import IdentificationError, StaderaError, UntrustedError
-from stadera.logs import LogFile
-from stadera.logs.reader import Log, as_log, read_head
-from stadera.logs.topics import OpenedLog
+from stadera.errors import IdentificationError, RecordingError, StaderaError, UntrustedError
+from stadera.logs.columns import HALF_IMU
+from stadera.logs.reader import Log, as_log
+from stadera.logs.recording import Recording
 from stadera.robot import load_robot
 from stadera.robot.model import Robot
 from stadera.threads import one_thread
+from stadera.trunk.registry import method_of
 from stadera.trust import Trust
 from stadera.types import Progress
-from stadera.weigh.at_rest import weigh_at_rest
-from stadera.weigh.in_motion import weigh_in_motion
-from stadera.weigh.reading import choose_method, with_extra_joints
+from stadera.weigh.pipeline import Request, weighed
+from stadera.weigh.reading import CheckedLog, with_extra_joints
 from stadera.weigh.result import Weighing
-from stadera.weigh.settings import (
-    IN_MOTION,
-    Request,
-    Source,
-    Watch,
-    WeighSettings,
-    check_choice,
-    is_in_motion,
-    weight_of,
-)
+from stadera.weigh.settings import IN_MOTION, Watch, WeighSettings, check_choice, weight_of
+
+WITH_IMU, WITHOUT_IMU = "contact", "poses"
+"""Default methods at rest."""
 
 
 @one_thread()
@@ -57,7 +51,7 @@ def weigh(
         tare: a range (begin, end) of the log's time [s] or another log in which the robot carries no payload. A range
             wholly before the log's first stamp counts from there, as for a log with Unix time.
         method: name from `stadera.trunk.registry.METHODS`, or FILE.py:Name for an estimator of your own, see
-            `stadera.weigh.own`. None chooses "walking" (any motion, standing included) for a
+            `stadera.trunk.registry`. None chooses "walking" (any motion, standing included) for a
             log with an IMU and at least 50 samples a second; otherwise a method at rest: "contact" with an IMU, "poses"
             without.
         imu_frame: frame of the IMU's values; None for the one named in the log, else the model's.
@@ -82,19 +76,19 @@ def weigh(
     model, chosen = load_robot(robot), settings or WeighSettings()
     logs = [log] if tare is None or isinstance(tare, tuple) else [log, tare]
     model, read, said = with_extra_joints(model, *map(as_log, logs))
-    guard = Guard(model, model.tree.joints, imu_frame=imu_frame)
-    source, *others = [guard.admitted(_opened(each), fix=fix, force=force) for each in read]
-    span, shifted = _in_time_of(source, tare, model) if isinstance(tare, tuple) else (None, ())
+    if fix:
+        guard = Guard(model, model.tree.joints, imu_frame=imu_frame)
+        read = tuple(guard.mended(each) for each in read)
+    source, *others = (CheckedLog(model, each, chosen, imu_frame, force) for each in read)
+    span, shifted = _in_time_of(source, tare) if isinstance(tare, tuple) else (None, ())
     unloaded = others[0] if others else span
-    name = method or choose_method(model, source, unloaded, chosen)
-    if not is_in_motion(name) and not model.quadruped:
-        raise IdentificationError(
-            f"{source.source}: the method {name!r}, at rest, is for four legs of three joints; {model.name} is weighed "
-            f"by {IN_MOTION!r}, which needs an IMU and 50 samples a second"
-        )
+    name = method or _choose_method(source, others, chosen)
     on_scale = weight_of(f"{weight}") if isinstance(weight, int | float) else weight
-    request = Request(model, source, unloaded, name, imu_frame, stiffness, force, chosen, progress, watch, on_scale)
-    result = _trusted(request)
+    _check_method(name, model, source, others, watch=watch is not None, weight=on_scale is not None)
+    request = Request(model, name, chosen, unloaded, stiffness, progress, watch, on_scale)
+    result = weighed(request, source)
+    if result.trust.verdict == "bad" and not force:
+        raise UntrustedError(f"{result.source}: not to be trusted: {'; '.join(result.trust.reasons)}")
     trust = result.trust.with_legs(model.distrust)
     if kin := _other_robots(model, result):
         if result.payload is None:
@@ -102,6 +96,45 @@ def weigh(
         else:
             trust = trust.at_most("doubtful", f"{kin}; or it carried a load at the tare")
     return replace(result, trust=trust, notes=(*said, *shifted, *result.notes))
+
+
+def _choose_method(log: CheckedLog, others: list[CheckedLog], settings: WeighSettings) -> str:
+    """Chooses the method for a log: in motion, standing included, with an IMU and at least 50 samples a second,
+    otherwise at rest. A tare's log needs an IMU as well. Raises RecordingError for a log with half an IMU, of which
+    perhaps only a column's name is not known.
+    """
+    first = log.first
+    if first.imu is None:
+        if half := next((note for note in first.notes if note.startswith(HALF_IMU)), ""):
+            raise RecordingError(
+                f"{first.source}: {half}: name it with --columns, or weigh without the IMU, at rest only, by "
+                f"--method {WITHOUT_IMU}"
+            )
+        return WITHOUT_IMU
+    slow = np.median(np.diff(first.time)) > settings.jitter / settings.least_rate
+    return WITH_IMU if slow or any(other.first.imu is None for other in others) else IN_MOTION
+
+
+def _check_method(
+    name: str, robot: Robot, log: CheckedLog, others: list[CheckedLog], *, watch: bool, weight: bool
+) -> None:
+    """Checks that a method suits robot, logs and options. Raises RecordingError or IdentificationError."""
+    method, source = method_of(name), log.source
+    if method.at_rest and not robot.quadruped:
+        raise IdentificationError(
+            f"{source.source}: the method {name!r}, at rest, is for four legs of three joints; {robot.name} is weighed "
+            f"by {IN_MOTION!r}, which needs an IMU and 50 samples a second"
+        )
+    for asked, what in ((watch, "only weighing in motion can be watched"), (weight, "a weight is used in motion only")):
+        if asked and name != IN_MOTION:
+            raise IdentificationError(f"{source.source}: {what}, by {IN_MOTION!r}; this log is weighed by {name!r}")
+    if method.needs_imu:
+        for each in [log] if method.at_rest else [log, *others]:
+            each.require_imu(name)
+    topics = None if isinstance(source, Recording) else source.topics.imu
+    for option, named in (("--imu-topic", topics), ("--imu-frame", log.imu_frame)):
+        if named is not None and log.first.imu is None:
+            raise RecordingError(f"{source.source}: {option} {named}: the log has no IMU that can be used")
 
 
 def _range(tare: object) -> tuple[float, float] | Log | None:
@@ -123,27 +156,17 @@ def _other_robots(robot: Robot, result: Weighing) -> str:
     return f"{has}: perhaps it is {' or '.join(others[:3])}" if others else ""
 
 
-def _trusted(request: Request) -> Weighing:
-    """The result of the request's estimator, unless it is refused."""
-    result = weigh_in_motion(request) if request.in_motion else weigh_at_rest(request)
-    if result.trust.verdict == "bad" and not request.force:
-        raise UntrustedError(f"{request.source.source}: not to be trusted: {'; '.join(result.trust.reasons)}")
-    return result
-
-
-def _in_time_of(source: Source, tare: tuple[float, float], robot: Robot) -> tuple[tuple[float, float], tuple[str, ...]]:
-    """The tare's range in the log's own time, and a note if it was given from the log's beginning."""
-    begin, end = tare
-    first = float(read_head(source, robot.tree.joints).time[0])
+def _in_time_of(log: CheckedLog, tare: tuple[float, float]) -> tuple[tuple[float, float], tuple[str, ...]]:
+    """The tare's range in the log's own time, and a note if it was given from the log's beginning. Raises
+    IdentificationError: it does not begin before its end.
+    """
+    (begin, end), first = tare, log.begin
+    if not begin < end:
+        raise IdentificationError(f"a tare's range needs a beginning before its end, got {tare} s")
     if not 0.0 <= begin < end < first:
         return tare, ()
     note = f"the tare's time, {begin:g} to {end:g} s, is before the log and taken from its beginning at {first:.3f} s"
     return (first + begin, first + end), (note,)
-
-
-def _opened(log: Source) -> Source:
-    """The log, its first chunk read once for all checks."""
-    return OpenedLog.at(log) if isinstance(log, LogFile) else log
 
 
 @dataclass(frozen=True)

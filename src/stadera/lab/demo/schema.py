@@ -11,7 +11,7 @@ from stadera.lab.demo.run import DemoResult, DemoRun
 from stadera.lab.experiments.loaded_walk import LoadedWalkOutcome, WalkOutcome
 from stadera.results import finite_or_none
 from stadera.robot import load_robot
-from stadera.weigh.schema import payload_dict, plain
+from stadera.trunk.load import plain
 
 KNOWN = (0.1, 0.03)
 """Accuracy at which the trunk counts as known: two standard deviations of its mass, as a share of the robot's, and of
@@ -67,7 +67,7 @@ def _reaction(run: DemoRun) -> dict[str, Any]:
         "noticed_after": finite_or_none(outcome.noticed_after),
         "updated_after": outcome.updated_after,
         "known_after": known_after(run),
-        "payload": None if payload is None else payload_dict(payload, trunk, {}),
+        "payload": None if payload is None else payload.to_dict(trunk, {}),
         "transitions": [transition.to_dict() for transition in outcome.transitions],
     }
 

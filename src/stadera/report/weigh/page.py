@@ -15,7 +15,6 @@ from stadera.report.trust import LEVELS, trust_reasons
 from stadera.report.weigh import plots, tables
 from stadera.trunk.registry import method_of
 from stadera.weigh.result import Weighing
-from stadera.weigh.use import next_steps as steps_to_determine
 
 if TYPE_CHECKING:
     from stadera.weigh.truth import Truth
@@ -31,7 +30,7 @@ def next_steps(result: Weighing) -> Iterator[str]:
             "another IMU frame. Then weigh it again."
         )
         return
-    yield from map(tables.step_text, steps_to_determine(result))
+    yield from map(tables.step_text, result.next_steps())
     if result.trust.verdict == "doubtful":
         yield (
             "Use the error bars as they are, for they are widened to the fit. Friction and rotor inertia from "

@@ -15,8 +15,7 @@ from stadera.report.table import SHOWN, Cell, Row, TableData
 from stadera.report.terminal import notes, rich_table
 from stadera.report.trust import LEVELS, STYLES, UNTRUSTED, trust_text
 from stadera.types import Array
-from stadera.weigh.result import Weighing
-from stadera.weigh.use import NextStep, determined, next_steps
+from stadera.weigh.result import NextStep, Weighing
 
 if TYPE_CHECKING:
     from stadera.weigh.truth import Truth
@@ -34,7 +33,7 @@ def place(com: Array, std: Array) -> tuple[str, str, str]:
 def headline(result: Weighing) -> str:
     """The answer: the payload if there was a tare, else the trunk."""
     if (payload := result.payload) is not None:
-        if not determined(result)["payload"]:
+        if not result.determined()["payload"]:
             most = max(payload.mass, 0.0) + 2.0 * payload.mass_std
             return f"Payload not determined: below {number(most, 2)} kg (95 %)"
         answer = f"Payload {with_scale(payload.mass, payload.mass_std, payload.mass_std_without_scale)}"
@@ -51,8 +50,8 @@ def answer(result: Weighing) -> str:
     body = result if result.payload is None else result.payload
     seen = zip("xyz", place(body.com, body.com_std), body.com_std, strict=True)
     known = ", ".join(f"{axis} {text}" for axis, text, std in seen if std == std)
-    if not determined(result).get("payload", True):
-        return f"{headline(result)}. {' '.join(map(step_text, next_steps(result)))}".strip()
+    if not result.determined().get("payload", True):
+        return f"{headline(result)}. {' '.join(map(step_text, result.next_steps()))}".strip()
     where = f"centre of mass {known} m in the trunk's frame" if known else "its centre of mass was not observed"
     return f"{headline(result)}; {where}."
 
@@ -193,7 +192,7 @@ def weighing_tables(result: Weighing, truth: Truth | None = None) -> Iterator[Re
     yield from (Text(text, style="dim") for text in said if text)
     yield from notes(result.notes)
     yield from _refusals(result)
-    yield from (Text(step_text(step), style="yellow") for step in next_steps(result))
+    yield from (Text(step_text(step), style="yellow") for step in result.next_steps())
     yield Text(
         f"{headline(result)}; trust: {trust_text(result.trust)}",
         style="bold" if result.trust.verdict == "good" else STYLES[LEVELS[result.trust.verdict]],

@@ -256,6 +256,19 @@ def payload_between(
     return Payload.of_moments(moments, covariance, observed * bounds.spread[1:])
 
 
+def payload_of_difference(tare: TrunkModel, loaded: TrunkEstimate) -> Payload:
+    """Payload as the difference from a tare that is taken as exact, in mass and first moment; components of the centre
+    of mass that were not observed in `loaded` are not observed in the payload.
+    """
+    m, c = loaded.trunk.mass, loaded.trunk.com_trunk
+    moments = np.array([m - tare.mass, *(m * c - tare.mass * tare.com_trunk)])
+    hidden = ~loaded.observed
+    known = np.where(hidden[:, None] | hidden, 0.0, loaded.covariance)
+    slope = np.eye(4)  # derivative of mass and first moment with respect to mass and centre of mass
+    slope[1:, 0], slope[1:, 1:] = c, m * np.eye(3)
+    return Payload.of_moments(moments, slope @ known @ slope.T, np.where(hidden[1:], 0.0, np.inf))
+
+
 def sized_by_poses(
     tare: Sequence[PoseMean],
     loaded: Sequence[PoseMean],

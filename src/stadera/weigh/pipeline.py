@@ -1,0 +1,314 @@
+"""Weighs a log by any estimator, at rest or moving, in one pass, as it would process live data.
+
+If the tare is a range of time, the log is used from the start of that range, and the payload is the difference from the
+trunk estimated at its end. If the tare is another log, that log is processed first by the same estimator; constant
+errors of the sensors (torque offsets, accelerometer bias, torque lag) are assumed to be the same in both.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+
+from stadera.errors import IdentificationError, RecordingError
+from stadera.logs.recording import Recording
+from stadera.robot.imu import ImuMount
+from stadera.robot.model import Robot
+from stadera.trunk.estimator import TrunkEstimator
+from stadera.trunk.load import LoadChange, Payload, since_tare
+from stadera.trunk.measurement import Measurement, measurements_of
+from stadera.trunk.posture import PostureLaw
+from stadera.trunk.protocol import Status, Weigher
+from stadera.trunk.registry import Setup, method_of
+from stadera.trunk.samples import Samples
+from stadera.trunk.standing.forces import ContactForceEstimator, measurements_without_imu
+from stadera.trust import Trust, Verdict
+from stadera.types import Array, Progress
+from stadera.weigh.against_model import Footprint, doubts
+from stadera.weigh.at_rest import AtRest
+from stadera.weigh.reading import CheckedLog
+from stadera.weigh.result import Refusal, Timeline, Weighing
+from stadera.weigh.settings import Watch, WeighSettings
+
+_MORE = ("torque_lag", "evidence", "spikes", "impacts", "drives", "balance", "vertical")
+"""What an estimator may tell beyond the protocol, under its name in `Weighing`."""
+
+
+@dataclass(frozen=True, eq=False)
+class Request:
+    """How to weigh; see the arguments of `stadera.weigh`. The robot as it is after all corrections."""
+
+    robot: Robot
+    method: str
+    settings: WeighSettings
+    tare: tuple[float, float] | CheckedLog | None = None
+    stiffness: tuple[float, float, float] | None = None
+    progress: Progress | None = None
+    watch: Watch | None = None
+    weight: tuple[float, float] | None = None
+
+
+def weighed(request: Request, log: CheckedLog) -> Weighing:
+    """The result of weighing a log. Raises as `stadera.weigh.weigh`."""
+    before: _LogPass | None = None
+    if isinstance(request.tare, CheckedLog):
+        before = _LogPass(request, request.tare)
+        before.read()
+        before.tare(request.tare.source.source)
+    reading = _LogPass(request, log, before)
+    reading.read()
+    if isinstance(request.tare, tuple) and not reading.tared:
+        begin, end = (t - log.begin for t in request.tare)
+        raise IdentificationError(
+            f"{log.source.source}: the tare's time, {begin:g} to {end:g} s, lies outside the log, which is "
+            f"{log.end - log.begin:.3g} s long"
+        )
+    return reading.result()
+
+
+def trust_now(estimator: Weigher, learnt: float | None = None, begin: float = 0.0) -> Trust:
+    """The estimator's trust in its result, lowered if it refuses the latest samples, those after `learnt` [s]; times
+    are said as since `begin` [s].
+    """
+    trust, estimate = estimator.trust, estimator.estimate()
+    if estimate.status is not Status.REFUSED or trust.verdict == "bad":
+        return trust
+    verdict: Verdict = "bad" if estimate.reason.startswith("the estimate runs away") else "doubtful"
+    at = estimate.time if learnt is None else learnt
+    return trust.at_most(verdict, f"as known at {at - begin:.2f} s; nothing was learnt after it: {estimate.reason}")
+
+
+class _LogPass:
+    """Processing of one log of a request; continues with the estimator of `before`, the processing of the tare's log,
+    if there is one.
+
+    `AtRest` keeps a record of its own, block by block; of all others the timeline and the refusals are asked for while
+    the log is read.
+    """
+
+    def __init__(self, request: Request, log: CheckedLog, before: _LogPass | None = None) -> None:
+        self.log = log
+        self._request, self._before, self._method = request, before, method_of(request.method)
+        self._range = request.tare if isinstance(request.tare, tuple) else None
+        self._estimator = None if before is None else before.estimator
+        self._changes_before = 0 if self._estimator is None else len(self._estimator.changes)
+        self.tared = before is not None
+        self._time = np.nan  # of the last sample
+        self._shift = 0.0  # puts this log after the tare's on the estimator's clock [s]
+        if before is not None:
+            self._shift = before._time + before._shift + request.settings.log_gap - log.begin
+        self._footprint = Footprint(request.robot, request.settings.model)
+        self._entries: list[tuple[float, Array, Array, Array]] = []
+        self._refused: list[Refusal] = []
+
+    @property
+    def estimator(self) -> Weigher:
+        """The estimator, available after the first sample."""
+        if self._estimator is None:
+            raise IdentificationError(f"{self.log.source.source}: nothing could be learnt: no samples")
+        return self._estimator
+
+    @property
+    def at_rest(self) -> AtRest | None:
+        """The estimator, if it is the one at rest."""
+        return self._estimator if isinstance(self._estimator, AtRest) else None
+
+    def read(self) -> None:
+        """Processes the log, piece by piece between the timeline's entries, and takes the tare at the end of its
+        range.
+        """
+        request, done = self._request, 0
+        progress, settings = request.progress or (lambda *_: None), request.settings
+        for chunk in self.log:
+            if self._estimator is None:
+                progress("preparing; the first run on a machine compiles for some seconds", 0, 0)
+                self._estimator = self._made(chunk)
+            time, samples = chunk.time, self._converted(chunk)
+            entries = set((np.flatnonzero(np.diff(np.floor(time / settings.entry)) > 0) + 1).tolist())
+            begin, end = 0, len(time)
+            if self._range is not None:
+                begin = int(np.searchsorted(time, self._range[0]))
+                end = int(np.searchsorted(time, self._range[1], "right"))
+                if begin:
+                    self._refuse(float(time[0]), float(time[begin - 1]), "before the tare's time")
+            ends = {begin, end, len(time), *entries, *range(0, len(time), settings.ahead)}
+            for start, stop in pairwise(sorted(k for k in ends if k >= begin)):
+                self.estimator.add(samples[start:stop])
+                self._time = float(time[stop - 1])
+                if request.watch is not None:
+                    request.watch(samples[start:stop], self.estimator)  # type: ignore[arg-type]
+                if self.at_rest is None:
+                    self._record(float(time[start]), entry=stop in entries)
+                self._tare_when_due()
+            done += len(time)
+            progress(f"weighing {self.log.source.name}", done, 0)
+        if self.at_rest is not None:
+            self.at_rest.restart()
+
+    def tare(self, where: str) -> None:
+        """Makes the present estimate of the trunk the reference for the payload."""
+        if not self.estimator.trunk.observed[0]:
+            reason = self.estimator.estimate().reason
+            raise IdentificationError(
+                f"{where}: too short for a tare, the trunk's mass is not known by its end{reason and f': {reason}'}"
+            )
+        self.estimator.tare()
+        self.tared = True
+
+    def result(self) -> Weighing:
+        """The result from everything processed so far."""
+        estimator, at_rest, log = self.estimator, self.at_rest, self.log
+        estimate = estimator.estimate()
+        if at_rest is None and not np.isnan(estimate.time):
+            self._enter()
+        if np.isnan(estimate.time):
+            raise IdentificationError(
+                f"{log.source.source}: nothing could be learnt: {estimate.reason or 'too few samples'}"
+            )
+        try:
+            payload = estimator.payload
+        except IdentificationError as error:
+            raise IdentificationError(f"{log.source.source}: {error}") from None
+        logs = [log] if self._before is None else [self._before.log, log]
+        learnt = estimate.time - self._shift
+        if at_rest is None:
+            trust, refused, remarks = trust_now(estimator, learnt, log.begin), self._refused, []
+            time, values, stds, added = (np.array(column) for column in zip(*self._entries, strict=True))
+            line = Timeline(
+                time, values[:, 0], stds[:, 0], values[:, 1:], stds[:, 1:], None if payload is None else added
+            )
+        else:
+            trust, remarks = estimator.trust, at_rest.remarks(self._request.method)
+            line = at_rest.timeline.of_log(log.begin, self._shift)
+            refused = [*self._refused, *(r.shifted(-self._shift) for r in at_rest.refusals)]
+        return Weighing(
+            robot=self._request.robot,
+            source=log.source.source,
+            method=self._request.method,
+            status=str(estimate.status),
+            trust=self._doubted(trust, payload, logs),
+            trunk=estimator.trunk,
+            time=learnt,
+            payload=payload,
+            changes=self._changes(payload),
+            timeline=line,
+            refusals=tuple(
+                sorted((r for r in (*refused, *log.refusals) if r.end >= log.begin), key=lambda refusal: refusal.begin)
+            ),
+            begin=log.begin,
+            end=log.end,
+            notes=(*dict.fromkeys([*remarks, *(note for read in logs for note in read.notes)]), *self._uncovered()),
+            **{name: getattr(estimator, name, None) for name in _MORE},  # type: ignore[arg-type]
+        )
+
+    # -- inside -----------------------------------------------------------------------------------------------
+    def _uncovered(self) -> Iterator[str]:
+        """Says what a scale said, and, of a log without a tare, until when a load is not told from the trunk."""
+        if self._request.weight is not None:
+            mass, std = self._request.weight
+            when = "tare" if self.tared else "beginning"
+            yield f"the robot's mass on a scale, {mass:g} ± {std:.2g} kg at the {when}, is used"
+        if not self.tared and self.at_rest is None:
+            known = self._request.settings.trunk.changes.history
+            yield f"a load put on in the first {known:g} s counts as part of the trunk; a tare (--tare) tells it apart"
+
+    def _made(self, chunk: Recording) -> Weigher:
+        request, robot, imu = self._request, self._request.robot, chunk.imu
+        if self._method.at_rest:
+            lacks = "; the log has no IMU, without which only rest can be weighed by" if imu is None else ""
+            return AtRest(robot, self._locating, request.settings, lacks)
+        mount = ImuMount.of(robot, self.log.imu_frame or (None if imu is None else imu.frame))
+        estimator = self._method.make(Setup(robot, mount=mount, settings=request.settings.trunk))
+        if request.weight is not None and isinstance(estimator, TrunkEstimator):
+            estimator.know_weight(*request.weight)
+        return estimator
+
+    def _locating(self, first: Measurement, forces: ContactForceEstimator) -> Weigher:
+        """The method at rest, by a log's first measurement."""
+        posture, stiffness = None, self._request.stiffness
+        if stiffness is not None:
+            if first.rotation is None:
+                raise IdentificationError(
+                    f"{self.log.source.source}: the method 'orientation' needs columns imu.orientation.x, ..."
+                )
+            posture = PostureLaw(np.array(stiffness), first.rotation, feeds_back=False)
+        return self._method.make(Setup(self._request.robot, forces=forces, posture=posture))
+
+    def _converted(self, chunk: Recording) -> Samples | list[Measurement]:
+        """The chunk's samples on the estimator's clock, in the form that the estimator takes best."""
+        robot, frame, settings = self._request.robot, self.log.imu_frame, self._request.settings
+        step = float(np.median(np.diff(chunk.time))) if len(chunk) > 1 else 0.0
+        if not self._method.at_rest and step * settings.least_rate > settings.jitter:
+            raise RecordingError(
+                f"{self.log.source.source}: {1 / step:.3g} samples a second, of which weighing in motion sees too "
+                f"little; {settings.least_rate:.3g} are needed"
+            )
+        if self.log is self._request.tare and chunk.imu is None:
+            self.log.notes["no IMU in the tare's log: its vertical is the direction of the feet's forces"] = None
+        chunk = replace(chunk, time=chunk.time + self._shift) if self._shift else chunk
+        if isinstance(self._estimator, TrunkEstimator):
+            samples = Samples.of_recording(chunk, robot, frame)
+            self._footprint.add(chunk.time, samples.position, samples.specific_force)
+            return samples
+        measured = measurements_without_imu(chunk, robot) if chunk.imu is None else measurements_of(chunk, robot, frame)
+        found = list(measured)
+        self._footprint.add(chunk.time, chunk.position, np.array([m.specific_force for m in found]))
+        return found
+
+    def _record(self, begin: float, *, entry: bool) -> None:
+        """Notes a refusal since `begin` [s], and adds an entry to the timeline, once there is an estimate."""
+        estimate = self.estimator.estimate()
+        if estimate.reason:
+            self._refuse(begin, self._time, estimate.reason)
+        if entry and not np.isnan(estimate.time):
+            self._enter()
+
+    def _enter(self) -> None:
+        trunk, payload = self.estimator.trunk, self.estimator.payload
+        added = np.full(2, np.nan) if payload is None else np.array([payload.mass, payload.mass_std])
+        std = np.sqrt(trunk.covariance.diagonal())
+        value = np.array([trunk.inertial.mass, *trunk.inertial.com])
+        self._entries.append((self._time, np.where(np.isnan(std), np.nan, value), std, added))
+
+    def _tare_when_due(self) -> None:
+        if self._range is None or self.tared or self._time < self._range[1]:
+            return
+        changes = [c for c in self.estimator.changes if c.kind != "shifted"]
+        if changes:
+            raise IdentificationError(
+                f"{self.log.source.source}: the load changes within the tare's time, at "
+                f"{changes[-1].time - self.log.begin:.2f} s"
+            )
+        self.tare(f"{self._range[0] - self.log.begin:g} to {self._range[1] - self.log.begin:g} s")
+
+    def _refuse(self, begin: float, end: float, reason: str) -> None:
+        last = self._refused[-1] if self._refused else None
+        if last is not None and last.reason == reason and begin - last.end < 2.0 * self._request.settings.entry:
+            self._refused[-1] = replace(last, end=end)
+        else:
+            self._refused.append(Refusal(begin, end, reason))
+
+    def _changes(self, payload: Payload | None) -> tuple[LoadChange, ...]:
+        """Changes of the load in this log, on its own clock."""
+        shift = self._shift
+        changes = self.estimator.changes[self._changes_before :]
+        return since_tare([replace(c, time=c.time - shift, noticed=c.noticed - shift) for c in changes], payload)
+
+    def _doubted(self, trust: Trust, payload: Payload | None, logs: list[CheckedLog]) -> Trust:
+        """The estimator's trust, lowered by faults of the logs and by the model."""
+        for log in logs:
+            if log.event is not None:
+                trust = trust.at_most(
+                    "doubtful", f"as known at {log.event.begin - log.begin:.2f} s: {log.event.reason}"
+                )
+            for doubt in log.doubts:
+                trust = trust.at_most(*doubt)
+        found = self.estimator.trunk
+        if found.observed[0]:
+            limits = self._request.settings.model
+            for doubt in doubts(self._request.robot, found.inertial, payload, self._footprint, limits):
+                trust = trust.at_most(*doubt)
+        return trust
