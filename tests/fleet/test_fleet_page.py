@@ -10,6 +10,7 @@ import pytest
 
 from stadera.fleet.series import by_robot, series_of
 from stadera.fleet.table import COLUMNS, FleetTable
+from stadera.report.table import Shown
 from stadera.results import json_text
 
 
@@ -75,8 +76,8 @@ def test_it_loads_nothing_and_no_name_of_a_log_is_markup(page: str) -> None:
 
 
 def test_without_room_for_all_figures_what_stands_out_is_drawn(monkeypatch: pytest.MonkeyPatch) -> None:
-    table, room = fleet(3, 30), "stadera.report.fleet.page._FIGURES"
-    monkeypatch.setattr(room, 6_000)
+    table = fleet(3, 30)
+    monkeypatch.setattr("stadera.report.fleet.page.SHOWN", Shown(figures=6_000))
     page = table.to_html()
     assert page.count("<svg") == 1
     assert page.count('class="out"') == 1

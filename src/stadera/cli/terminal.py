@@ -19,9 +19,6 @@ class Progress(Protocol):
     def __call__(self, what: str, done: int, total: int, detail: str = "") -> None: ...
 
 
-_PIPE_WIDTH = 140
-
-
 def show(*renderables: RenderableType) -> None:
     """Prints tables and texts on stdout; with fixed width and without colours if it is not a terminal. StaderaError if
     it cannot be written to, such as a full disk.
@@ -32,7 +29,7 @@ def show(*renderables: RenderableType) -> None:
 
     from stadera.errors import StaderaError
 
-    width = None if sys.stdout.isatty() else _PIPE_WIDTH
+    width = None if sys.stdout.isatty() else 140
     console = Console(highlight=False, markup=False, emoji=False, width=width)
     try:
         with console.capture() as shown:  # rich handles broken pipes in its own way
@@ -93,14 +90,11 @@ def progress() -> Iterator[Progress | None]:
         yield report
 
 
-_LONG = 10.0  # s, of work before the remaining time is shown
-
-
-def remaining(elapsed: float, done: int, left: int) -> str:
+def remaining(elapsed: float, done: int, left: int, least: float = 10.0) -> str:
     """Remaining time if the rate stays the same, of `done` steps in `elapsed` [s] without those of an earlier run, and
-    `left` to go; empty before it can be estimated.
+    `left` to go; empty before it can be estimated, after `least` [s].
     """
-    if done <= 0 or left <= 0 or elapsed < _LONG:
+    if done <= 0 or left <= 0 or elapsed < least:
         return ""
     seconds = elapsed * left / done
     amount = f"{seconds:.0f} s" if seconds < 100 else f"{seconds / 60:.0f} min" if seconds < 6000 else ""

@@ -33,7 +33,7 @@ from stadera.errors import require_positive
 from stadera.fleet.series import FleetSeries
 from stadera.types import Array
 
-_YARDSTICKS = 2
+_STATISTICS = ("bars", "scatter")
 
 Kind = Literal["since", "once", "while"]
 """Kind of a stretch: to the end; one log; several logs."""
@@ -103,7 +103,7 @@ def departures(
 
 def looks_at(fleet: Sequence[FleetSeries]) -> int:
     """Number of comparisons in total, with both statistics."""
-    return _YARDSTICKS * sum(map(sum, (_stretches(len(series.value)).values() for series in fleet)))
+    return len(_STATISTICS) * sum(map(sum, (_stretches(len(series.value)).values() for series in fleet)))
 
 
 def scatter(series: FleetSeries, settings: ScatterSettings | None = None) -> float:
@@ -136,7 +136,7 @@ def _searched(
         for kind, (first, stop, change, std) in _largest(series.value[begin:end], series.std[begin:end]).items():
             z = abs(change) / std
             by_bars, by_scatter = 2.0 * norm.sf(z / wide), 2.0 * t.sf(z / kappa, freedom)
-            p = len(looks) * _YARDSTICKS * looks[kind] * float(np.fmin(by_bars, by_scatter))
+            p = len(looks) * len(_STATISTICS) * looks[kind] * float(np.fmin(by_bars, by_scatter))
             yardstick = kappa if by_scatter < by_bars else wide
             if p < (chance if surest is None else surest[0]):
                 surest = p, Departure(series, begin + first, begin + stop - 1, change, yardstick * std, z, p)

@@ -27,7 +27,7 @@ NO_HASH = "TypeHashNotSupported"
 """ROS 2 Humble's placeholder for a type hash."""
 
 _LABELS = (b"\x0fsequence_number", b"\x10source_timestamp", b"\x0asource_gid")
-_GID = 16  # bytes
+_ATTACHMENT = struct.Struct("<qqB16s")
 _QOS = "::,10:,:,:,,"  # reliable, volatile, the last ten: rmw_zenoh's notation for its defaults
 
 
@@ -88,15 +88,15 @@ def read_attachment(data: bytes) -> Sent | None:
     """Parses rmw_zenoh's attachment to a message; None for other data."""
     for label in _LABELS:
         data = data.replace(label, b"", 1)
-    if len(data) != 17 + _GID or data[16] != _GID:
+    if len(data) != _ATTACHMENT.size:
         return None
-    sequence, stamp = struct.unpack_from("<qq", data)
-    return Sent(sequence, stamp, data[17:])
+    sequence, stamp, length, publisher = _ATTACHMENT.unpack(data)
+    return Sent(sequence, stamp, publisher) if length == len(publisher) else None
 
 
 def attachment(sent: Sent) -> bytes:
     """Encodes the attachment that rmw_zenoh expects."""
-    return struct.pack("<qqB", sent.sequence, sent.stamp, _GID) + sent.publisher
+    return _ATTACHMENT.pack(sent.sequence, sent.stamp, len(sent.publisher), sent.publisher)
 
 
 def dds_type(kind: str) -> str:

@@ -32,8 +32,6 @@ if TYPE_CHECKING:
 
 _EPOCH = datetime.fromtimestamp(0, UTC)
 
-_CLOSING = 2.0  # s
-
 DEFAULT = "tcp/localhost:7447"
 """Default address of rmw_zenoh's router and of zenoh-bridge-ros2dds."""
 
@@ -117,11 +115,11 @@ class ZenohLink:
             if self._ros is not None:
                 self._ros.put(topic, messages.text_message(data.decode()) if topic == messages.STATE else data)
 
-    def close(self) -> None:
-        """Closes the session; returns when no callback can run any more."""
+    def close(self, patience: float = 2.0) -> None:
+        """Closes the session; returns when no callback can run any more, or after `patience` [s] for each."""
         self._session.close()  # type: ignore[no-untyped-call]
         for ended in self._callbacks:  # their threads must end before the interpreter does
-            ended.wait(_CLOSING)
+            ended.wait(patience)
 
     # -- inside -----------------------------------------------------------------------------------------------
     def _open(self) -> None:

@@ -36,8 +36,7 @@ TARE, RESET = "stadera/tare", "stadera/reset"
 KINDS = {TRUNK: INERTIA, PAYLOAD: INERTIA, STATE: STRING, DIAGNOSIS: DIAGNOSTICS, TARE: TRIGGER, RESET: TRIGGER}
 """Topics and services, and their ROS types; outside ROS the state is plain JSON."""
 
-_LEVELS = {"good": 0, "doubtful": 1, "bad": 2}
-_STALE = 3
+_LEVELS = {"good": 0, "doubtful": 1, "bad": 2, "stale": 3}
 _RESPONSE = "std_srvs/msg/TriggerResponse"
 
 
@@ -89,7 +88,7 @@ def payload_message(payload: Payload, frame: str, stamp: int) -> bytes:
 def diagnostics_message(state: LiveState, hardware: str, stamp: int) -> bytes:
     """Encodes the state as one status: OK for a good verdict, WARN for doubtful, ERROR for bad, STALE while waiting."""
     make = types().types
-    level = _STALE if state.waiting_for else _LEVELS[state.trust.verdict]
+    level = _LEVELS["stale" if state.waiting_for else state.trust.verdict]
     text = "; ".join(state.waiting_for or state.trust.reasons) or "figures and error bars hold"
     values = [make["diagnostic_msgs/msg/KeyValue"](key, value) for key, value in state.figures().items()]
     status = make["diagnostic_msgs/msg/DiagnosticStatus"](level, "stadera", text, hardware, values)

@@ -76,11 +76,6 @@ def _bound(value: float) -> str:
     return number(value, 3, "no limit")
 
 
-SHOWN = 30.0  # s of the motion in the plot
-_RATE = 100.0  # Hz, in the plot
-_LONGEST = 60  # characters of a combination's name next to a plot
-
-
 def figures(result: Excitation) -> dict[str, Figure]:
     """All figures by name."""
     return {"information": std_figure(result), "motion": motion_figure(result)}
@@ -88,7 +83,7 @@ def figures(result: Excitation) -> dict[str, Figure]:
 
 def std_figure(result: Excitation) -> Figure:
     """Standard deviation of each identifiable combination as a share of the prior's, for the motion and the draws."""
-    names = tuple(n if len(n) <= _LONGEST else n[: _LONGEST - 1] + "…" for n in map(str, result.combinations))
+    names = tuple(map(str, result.combinations))
     at, marks = np.arange(float(len(names))), []
     if result.draws:
         spread = 100.0 * np.array([draw.std for draw in result.draws])
@@ -103,11 +98,11 @@ def std_figure(result: Excitation) -> Figure:
     return Figure("Standard deviation of each identifiable combination of parameters", ((panel,),))
 
 
-def motion_figure(result: Excitation) -> Figure:
-    """Position, velocity and predicted torque of the three joints over the first half minute, with their bounds."""
+def motion_figure(result: Excitation, shown: float = 30.0, rate: float = 100.0) -> Figure:
+    """Position, velocity and predicted torque of the joints over the first `shown` [s] at `rate` [Hz], with bounds."""
     bounds = result.experiment.bounds
-    sampled = result.chosen.motion.sample(_RATE)
-    until = sampled.time <= SHOWN
+    sampled = result.chosen.motion.sample(rate)
+    until = sampled.time <= shown
     quantities = (
         ("position [rad]", sampled.position, bounds.lower, bounds.upper),
         ("velocity [rad/s]", sampled.velocity, -bounds.velocity, bounds.velocity),
@@ -125,7 +120,7 @@ def motion_figure(result: Excitation) -> Figure:
                 Panel(Axis("time [s]" if r == 2 else ""), Axis(label), (curve,), guides, joint if r == 0 else "")
             )
         rows.append(tuple(panels))
-    return Figure("The motion of the three joints", tuple(rows), row_height=210.0)
+    return Figure("The motion of the joints", tuple(rows), row_height=210.0)
 
 
 def excitation_tables(result: Excitation) -> Iterator[RenderableType]:
@@ -141,6 +136,7 @@ def excitation_html(result: Excitation) -> str:
     from stadera.report.page import render
 
     bounds, settings = result.experiment.bounds, result.settings
+    shown = min(30.0, settings.duration)
     return render(
         "excite.html.j2",
         title=f"Excitation: {bounds.robot.name} {bounds.leg}",
@@ -153,8 +149,8 @@ def excitation_html(result: Excitation) -> str:
         worth=worth_table(result),
         stds=std_figure(result),
         limits=limits_table(result),
-        seconds=min(SHOWN, settings.duration),
-        motion=motion_figure(result),
+        seconds=shown,
+        motion=motion_figure(result, shown),
         facts=_facts(result),
         notes=bounds.clearance.notes,
     )

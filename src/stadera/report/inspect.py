@@ -48,7 +48,7 @@ def _link_table(robot: Robot) -> TableData:
 def _link_row(robot: Robot, link: str) -> list[str | Cell]:
     body = robot.inertias[link]
     possible = "yes" if body.is_physical() else Cell("NO", good=False)
-    return [link, *(number(value) for value in (body.mass, *body.com.tolist())), possible]
+    return [link, *(number(round(value, 9)) for value in (body.mass, *body.com.tolist())), possible]
 
 
 def _joint_table(robot: Robot) -> TableData:

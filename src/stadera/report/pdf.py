@@ -27,7 +27,6 @@ _OPTIONS = (
     "--no-pdf-header-footer",
     "--virtual-time-budget=10000",  # ms, for drawing the plots
 )
-_LONGEST = 120.0  # s, time limit for printing
 
 
 def find_browser(path: str | Path) -> str:
@@ -41,8 +40,8 @@ def find_browser(path: str | Path) -> str:
     return found
 
 
-def write_pdf(page: str, path: str | Path) -> None:
-    """Prints a page to a file; StaderaError without a browser, or if printing failed."""
+def write_pdf(page: str, path: str | Path, longest: float = 120.0) -> None:
+    """Prints a page to a file within `longest` [s]; StaderaError without a browser, or if printing failed."""
     browser = find_browser(path)
     with tempfile.TemporaryDirectory(prefix="stadera-") as folder:
         source, printed = Path(folder) / "page.html", Path(folder) / "page.pdf"
@@ -51,7 +50,7 @@ def write_pdf(page: str, path: str | Path) -> None:
         places = [f"--user-data-dir={folder}/profile", f"--print-to-pdf={printed}", source.as_uri()]
         try:
             done = subprocess.run(
-                [browser, *_OPTIONS, *root, *places], capture_output=True, text=True, timeout=_LONGEST, check=False
+                [browser, *_OPTIONS, *root, *places], capture_output=True, text=True, timeout=longest, check=False
             )
         except (OSError, subprocess.TimeoutExpired) as error:
             raise StaderaError(f"{path}: {browser} did not print the report: {error}") from None

@@ -20,8 +20,6 @@ from stadera.report.table import TableData
 from stadera.report.terminal import rich_table
 from stadera.robot.kinematics import forward_kinematics
 
-_FILM_RATE = 25.0  # pictures in a second
-
 
 def promise(result: Routine) -> str:
     """The error bars to expect, in one line."""
@@ -89,10 +87,10 @@ def routine_tables(result: Routine) -> Iterator[RenderableType]:
     yield rich_table(joints_table(result))
 
 
-def film(result: Routine) -> dict[str, Any]:
-    """Points of the trunk's outline and of the legs in the world, picture by picture [m], and the interval [s]."""
+def film(result: Routine, rate: float = 25.0) -> dict[str, Any]:
+    """Points of the trunk's outline and of the legs in the world [m], picture by picture, and the interval [s]."""
     planted, robot = result.planted, result.robot
-    every = max(1, round(result.settings.rate / _FILM_RATE))
+    every = max(1, round(result.settings.rate / rate))
     q, pose = planted.motion.position[::every], planted.pose[::every]
     rotations, translations = forward_kinematics(robot.tree, q)
     lines = []

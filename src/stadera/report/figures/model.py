@@ -16,9 +16,6 @@ from stadera.errors import StaderaError
 from stadera.report.look import COLOURS
 from stadera.types import Array
 
-_MOST = 1000  # samples of one curve: about one per pixel
-_GAP = 2.5  # a step larger than this many usual ones is drawn as a break
-
 Marker = Literal["", "dot", "ring", "diamond", "plus", "cross"]
 
 
@@ -95,6 +92,10 @@ class Axis:
     limits: tuple[float, float] | None = None  # range shown; None for the range of the data
     zero: bool = False  # whether the range includes zero
 
+    def names(self, letters: int) -> list[str]:
+        """The categories in at most so many letters."""
+        return [text if len(text) <= letters else f"{text[: letters - 1]}…" for text in self.labels]
+
 
 @dataclass(frozen=True, eq=False)
 class Panel:
@@ -162,23 +163,28 @@ def line(x: Array, y: Array, name: str, colour: str = "blue", **look: object) ->
 
 def band(x: Array, value: Array, std: Array, colour: str = "blue", name: str = "± 2 standard deviations") -> Series:
     """A band of two standard deviations around a value over x (k,), interrupted where either is NaN."""
-    every = slice(None, None, max(1, -(-len(x) // _MOST)))
+    every = _every(len(x))
     x, value, std = (np.asarray(values, dtype=float)[every] for values in (x, value, std))
     return Series(*_outlines(x, value + 2.0 * std, value - 2.0 * std), name, colour, width=0.0, fill="self")
 
 
 def _thinned(x: Array, y: Array) -> tuple[Array, Array]:
-    every = max(1, -(-len(x) // _MOST))
-    x, y = x[::every], y[::every]
+    every = _every(len(x))
+    x, y = x[every], y[every]
     jumps = _jumps(x)
     return np.insert(x, jumps, x[jumps - 1]), np.insert(y, jumps, np.nan)
 
 
-def _jumps(x: Array) -> NDArray[np.intp]:
-    """Indices where x continues after a gap."""
+def _every(count: int, most: int = 1000) -> slice:
+    """Thins `count` samples to at most `most`, about one for each pixel."""
+    return slice(None, None, max(1, -(-count // most)))
+
+
+def _jumps(x: Array, gap: float = 2.5) -> NDArray[np.intp]:
+    """Indices where x continues after a gap, a step larger than `gap` usual ones."""
     steps = np.diff(x)
     usual = float(np.median(steps)) if len(steps) else 0.0
-    return np.flatnonzero(steps > _GAP * usual) + 1 if usual > 0.0 else np.zeros(0, dtype=np.intp)
+    return np.flatnonzero(steps > gap * usual) + 1 if usual > 0.0 else np.zeros(0, dtype=np.intp)
 
 
 def _outlines(x: Array, high: Array, low: Array) -> tuple[Array, Array]:

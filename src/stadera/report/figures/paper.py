@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -10,9 +11,9 @@ import numpy as np
 
 from stadera.errors import MissingExtraError, StaderaError, UnknownNameError
 from stadera.files import AnyPath
-from stadera.report.figures.model import Axis, Bars, Figure, Guide, Panel, Series
+from stadera.report.figures.model import Bars, Figure, Guide, Panel, Series
 from stadera.report.look import light
-from stadera.report.table import Cell, TableData
+from stadera.report.table import TableData
 from stadera.types import Array
 
 if TYPE_CHECKING:
@@ -20,12 +21,21 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure as Drawn
 
 SUFFIXES = (".pdf", ".png", ".svg")
-_WIDTH = 7.1  # in, two columns of an IEEE paper
-_PX = 0.0088  # in per pixel of a page: the page's proportions in that width
-_DPI = 300
 _MARKERS = {"dot": "o", "ring": "o", "diamond": "D", "plus": "+", "cross": "x"}
 _FONT = {"font.size": 8.0, "axes.titlesize": 8.0, "legend.fontsize": 7.5, "svg.fonttype": "none", "pdf.fonttype": 42}
 _TINTS = {"observable": "green-tint", "partial": "gray-tint", "unobservable": "red-tint"}
+
+
+@dataclass(frozen=True)
+class _Paper:
+    """Sizes of a figure."""
+
+    width: float = 7.1  # in, two columns of an IEEE paper
+    px: float = 0.0088  # in per pixel of a page: the page's proportions in that width
+    dpi: int = 300
+
+
+_PAPER = _Paper()
 
 
 def check_figure(path: AnyPath) -> None:
@@ -39,7 +49,7 @@ def save(drawn: Drawn, path: AnyPath) -> None:
     """Writes a figure, in the format of the path's suffix. Errors as `check_figure`."""
     check_figure(path)
     with _matplotlib().rc_context(_FONT):
-        drawn.savefig(path, dpi=_DPI)
+        drawn.savefig(path, dpi=_PAPER.dpi)
 
 
 def drawn(figures: Mapping[str, Figure | TableData], name: str | None = None) -> Drawn:
@@ -69,8 +79,8 @@ def _matplotlib() -> Any:
 
 def _figure(figure: Figure) -> Drawn:
     columns = max(map(len, figure.rows))
-    tall = _PX * sum(_tall(figure, row) for row in figure.rows) + 0.35
-    drawn: Drawn = _matplotlib().figure.Figure(figsize=(_WIDTH, tall), layout="constrained")
+    tall = _PAPER.px * sum(_tall(figure, row) for row in figure.rows) + 0.35
+    drawn: Drawn = _matplotlib().figure.Figure(figsize=(_PAPER.width, tall), layout="constrained")
     shares = [panel.share for panel in max(figure.rows, key=len)]
     axes = drawn.subplots(
         len(figure.rows), columns, squeeze=False, sharex="col" if figure.shared else False, width_ratios=shares
@@ -80,18 +90,13 @@ def _figure(figure: Figure) -> Drawn:
             _panel(place, panel)
         for place in places[len(row) :]:
             place.set_axis_off()
-    _legend(drawn)
-    return drawn
-
-
-def _legend(drawn: Drawn) -> None:
-    """One legend above all panels, with each name once."""
-    handles: dict[str, Any] = {}
+    handles: dict[str, Any] = {}  # of one legend above all panels, with each name once
     for place in drawn.axes:
         for handle, name in zip(*place.get_legend_handles_labels(), strict=True):
             handles.setdefault(name, handle)
     if handles:
         drawn.legend(handles.values(), handles.keys(), loc="outside upper center", ncols=4, frameon=False)
+    return drawn
 
 
 def _tall(figure: Figure, row: tuple[Panel, ...]) -> float:
@@ -105,8 +110,8 @@ def _panel(place: Axes, panel: Panel) -> None:
     for guide in panel.guides:
         _guide(place, guide)
     bars = [mark for mark in panel.marks if isinstance(mark, Bars)]
+    thick = 0.75 / max(len(bars), 1)
     for k, bar in enumerate(bars):
-        thick = 0.75 / len(bars)
         at = np.arange(len(bar.values)) + thick * (k + 0.5 - 0.5 * len(bars))
         place.barh(at, bar.values, 0.92 * thick, color=light(bar.colour), label=bar.name)
     for mark in panel.marks:
@@ -118,28 +123,26 @@ def _panel(place: Axes, panel: Panel) -> None:
 def _axes(place: Axes, panel: Panel) -> None:
     place.set(xlabel=panel.x.title, ylabel=panel.y.title)
     place.set_title(panel.title, loc="left")
-    _range(panel.x, place.set_xscale, place.set_xlim)
-    _range(panel.y, place.set_yscale, place.set_ylim)
+    for axis, set_scale, set_limits in (
+        (panel.x, place.set_xscale, place.set_xlim),
+        (panel.y, place.set_yscale, place.set_ylim),
+    ):
+        if axis.log:
+            set_scale("log")
+        if axis.limits is not None:
+            set_limits(*axis.limits)
+        if axis.zero:
+            set_limits(0.0, None)
     if panel.x.labels:
         place.set_xticks(range(len(panel.x.labels)), panel.x.labels, rotation=30, ha="right")
     if panel.y.labels:
-        place.set_yticks(range(len(panel.y.labels)), panel.y.labels)
+        place.set_yticks(range(len(panel.y.labels)), panel.y.names(60))
         place.set_ylim(len(panel.y.labels) - 0.5, -0.5)
     if panel.equal:
         place.set_aspect("equal", adjustable="box")
     place.grid(color=light("line"), linewidth=0.5, axis="x" if panel.y.labels else "both")
     place.set_axisbelow(True)
     place.spines[["top", "right"]].set_visible(False)
-
-
-def _range(axis: Axis, set_scale: Callable[[str], None], set_limits: Callable[..., object]) -> None:
-    """Scale and limits of an axis."""
-    if axis.log:
-        set_scale("log")
-    if axis.limits is not None:
-        set_limits(*axis.limits)
-    if axis.zero:
-        set_limits(0.0, None)
 
 
 def _guide(place: Axes, guide: Guide) -> None:
@@ -165,20 +168,15 @@ def _series(place: Axes, series: Series) -> None:
         label = None if series.fill == "self" else name
         place.plot(x, y, color=colour, lw=0.62 * series.width, ls="--" if series.dashed else "-", label=label)
         name = None
-    _error_bars(place, series, colour)
-    if series.marker:
-        _markers(place, series, colour, name)
-    _labels(place, series)
-
-
-def _error_bars(place: Axes, series: Series, colour: str) -> None:
+    ends = {"xerr": (series.x_range, series.x), "yerr": (series.y_range, series.y)}
     errors: dict[str, Any] = {
-        f"{side}err": np.abs(np.array(ends) - np.asarray(at))
-        for side, ends, at in (("x", series.x_range, series.x), ("y", series.y_range, series.y))
-        if ends is not None
+        side: np.abs(np.array(span) - at) for side, (span, at) in ends.items() if span is not None
     }
     if errors:
         place.errorbar(series.x, series.y, **errors, fmt="none", ecolor=colour, elinewidth=0.9)
+    if series.marker:
+        _markers(place, series, colour, name)
+    _labels(place, series)
 
 
 def _markers(place: Axes, series: Series, colour: str, name: str | None) -> None:
@@ -205,35 +203,27 @@ def _labels(place: Axes, series: Series) -> None:
         place.annotate(text, (a, b), (0.0, side * (r + 2.0)), textcoords="offset points", **at)
 
 
-# -- tables ---------------------------------------------------------------------------------------------------------
 def _table(table: TableData) -> Drawn:
-    """Draws rows of texts, with columns as wide as their longest text, in the largest font that fits."""
-    rows = [tuple(map(_text, row)) for _, group in table.groups for row in group]
-    tints = [tuple(map(_tint, row)) for _, group in table.groups for row in group]
-    wide = [max(len(row[k]) for row in [table.head, *rows]) + 2 for k in range(len(table.head))]
-    left = np.concatenate([[0.0], np.cumsum(wide)]) / sum(wide)
-    size = min(8.0, 72.0 * _WIDTH / sum(wide) / 0.56)
-    tall = len(rows) + 1.2
-    drawn: Drawn = _matplotlib().figure.Figure(
-        figsize=(_WIDTH, 1.75 * size / 72.0 * (tall + 1.3)), layout="constrained"
-    )
+    """A table with the colours of observability, in the largest font in which its longest texts fit."""
+    cells = [row for _, rows in table.groups for row in rows]
+    texts = [[f"{cell.marked}  {cell.note}".strip() for cell in row] for row in cells]
+    tints = [[light(_TINTS[cell.mark.word] if cell.mark else "paper") for cell in row] for row in cells]
+    wide = np.array([max(map(len, column)) + 3 for column in zip(table.head, *texts, strict=True)])
+    size = min(8.0, 72.0 * _PAPER.width / wide.sum() / 0.56)
+    lines = len(cells) + 1
+    tall = 1.75 * size / 72.0 * (lines + 1.5)
+    drawn: Drawn = _matplotlib().figure.Figure(figsize=(_PAPER.width, tall), layout="constrained")
     place = drawn.add_subplot()
-    place.set(xlim=(0.0, 1.0), ylim=(tall, 0.0))
     place.set_axis_off()
     place.set_title(table.title, loc="left")
-    for k, text in enumerate(table.head):
-        place.text(left[k] + 0.005, 0.6, text, size=size, va="center", weight="bold")
-    place.axhline(1.1, color=light("ink"), lw=0.8)
-    for r, (row, tint) in enumerate(zip(rows, tints, strict=True)):
-        for k, text in enumerate(row):
-            place.axhspan(r + 1.15, r + 2.1, left[k], left[k + 1], color=tint[k], lw=0.0)
-            place.text(left[k] + 0.005, r + 1.65, text, size=size, va="center")
+    look: dict[str, Any] = {"colWidths": wide / wide.sum(), "cellLoc": "left", "colLoc": "left", "bbox": (0, 0, 1, 1)}
+    grid = place.table(texts, tints, colLabels=table.head, **look)
+    grid.auto_set_font_size(False)
+    grid.set_fontsize(size)
+    for (row, _), cell in grid.get_celld().items():
+        cell.set(linewidth=0.0)
+        cell.PAD = 0.02  # of the column's width
+        cell.set_text_props(weight="normal" if row else "bold")
+    place.set(xlim=(0.0, 1.0), ylim=(0.0, lines))
+    place.axhline(lines - 1.0, color=light("ink"), lw=0.8, zorder=3)
     return drawn
-
-
-def _text(cell: Cell) -> str:
-    return f"{cell.marked}  {cell.note}" if cell.note else cell.marked
-
-
-def _tint(cell: Cell) -> str:
-    return light(_TINTS[cell.mark.word] if cell.mark else "paper")

@@ -27,7 +27,6 @@ _SYMBOLS = {
     "cross": "x-thin-open",
 }
 _TINT, _SHADE = "2e", "1f"  # opacity, two hexadecimal digits after a colour
-_LEFT = 58.0  # px, for the ticks of a quantity
 
 
 @dataclass(frozen=True)
@@ -36,6 +35,7 @@ class Room:
 
     width: float = 1120.0  # of the page's column
     columns: int | None = None  # panels next to each other, None for as the figure has them
+    left: float = 58.0  # for the ticks of a quantity
     above: float = 26.0  # a panel, with its title
     below: float = 22.0  # a panel, for ticks
     title: float = 22.0  # below that, for the axis' title
@@ -156,7 +156,7 @@ def _places(figure: Figure, room: Room) -> tuple[list[tuple[float, float, float,
         tall = max(room.panel_height(panel, figure) for panel in row)
         for panel in row:
             right = left + panel.share / total
-            gap = 0.0 if right > 0.999 else _LEFT / room.width
+            gap = 0.0 if right > 0.999 else room.left / room.width
             places.append((left, right - gap, top, top + tall))
             left = right
         top += tall + room.below + (room.title if any(panel.x.title for panel in row) else 0.0)
@@ -168,7 +168,7 @@ def _layout(figure: Figure, room: Room) -> dict[str, Any]:
     over_time = not any(panel.equal or panel.y.labels or panel.x.labels for panel in figure.panels)
     layout: dict[str, Any] = {
         "height": height(figure, room),
-        "margin": {"l": _LEFT, "r": 12, "t": room.legend_height(figure), "b": 0},
+        "margin": {"l": room.left, "r": 12, "t": room.legend_height(figure), "b": 0},
         "font": {"family": "system-ui, 'Segoe UI', Helvetica, Arial, sans-serif", "size": 12, "color": "var(--soft)"},
         "paper_bgcolor": "var(--paper)",
         "plot_bgcolor": "var(--paper)",
@@ -208,7 +208,7 @@ def _axis(axis: Axis, room: Room) -> dict[str, Any]:
     if axis.limits is not None:
         made["range"] = list(np.log10(axis.limits)) if axis.log else list(axis.limits)
     if axis.labels:
-        names = [text if len(text) <= room.letters else f"{text[: room.letters - 1]}…" for text in axis.labels]
+        names = axis.names(room.letters)
         made |= {"tickvals": list(range(len(names))), "ticktext": names, "automargin": True, "zeroline": False}
         made["range"] = [len(names) - 0.5, -0.5]
     return made

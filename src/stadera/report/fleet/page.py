@@ -20,8 +20,6 @@ from stadera.report.page import render
 from stadera.report.table import SHOWN, Cell, Row, TableData
 from stadera.types import Array
 
-_FIGURES = 1_400_000  # bytes of all figures, such that a page of 1,000 logs stays below 3 MB
-
 
 @dataclass(frozen=True)
 class _Place:
@@ -194,7 +192,7 @@ def _drawn(fleet: Sequence[FleetSeries], found: Sequence[Departure]) -> dict[Fle
     for series in sorted(fleet, key=lambda series: (not outs[series], series.joint is not None)):
         svg = figure(series, outs[series], series.joint is None)
         spent += len(svg)
-        if spent > _FIGURES:
+        if spent > SHOWN.figures:
             break
         panels[series] = FleetPanel(f"{series.title} [{series.unit}]", svg, bool(outs[series]))
     return panels

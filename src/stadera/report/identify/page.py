@@ -12,15 +12,18 @@ from stadera.report.page import render
 from stadera.report.trust import marked, trust_reasons
 from stadera.trust import Trust
 
-_POOR = 0.6  # of the directions that rich motion determines; below this another motion is recommended
 _METHODS = {
     "consistent": "physically consistent (maximum a posteriori, CAD as prior)",
     "null-space": "least squares, CAD where the data say nothing (null-space projection)",
 }
 
 
-def next_steps(result: Identification) -> Iterator[str]:
-    """Yields next steps for this result, the most urgent first: sentences, with commands between backquotes."""
+def next_steps(result: Identification, enough: float = 0.6) -> Iterator[str]:
+    """Yields next steps for this result, the most urgent first: sentences, with commands between backquotes.
+
+    Args:
+        enough: share of the directions that rich motion determines, below which another motion is recommended.
+    """
     robot = result.robot.name
     if result.trust.verdict == "bad":
         yield (
@@ -31,7 +34,7 @@ def next_steps(result: Identification) -> Iterator[str]:
     if evaluated_part(result) == "training":
         yield "This fit is untested: hold back a part, `--split 0.5`, or give another log, `--validate LOG`."
     poor = min(result.legs, key=lambda leg: leg.estimate.observability.rank / leg.structural_rank)
-    if (rank := poor.estimate.observability.rank) < _POOR * poor.structural_rank:
+    if (rank := poor.estimate.observability.rank) < enough * poor.structural_rank:
         yield (
             f"Play a richer motion: {poor.leg.name} showed {rank} of {poor.structural_rank} directions. "
             f"`stadera excite --robot {robot} --leg {poor.leg.name} --out motion.csv` designs one."

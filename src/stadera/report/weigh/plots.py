@@ -15,9 +15,6 @@ from stadera.weigh.result import Balance, Weighing
 if TYPE_CHECKING:
     from stadera.weigh.truth import Truth
 
-_MARGIN = 0.005  # m, around the enlarged area
-_LARGEST = 46.0  # px, the marker of the most loaded foot
-
 
 def figures(result: Weighing, truth: Truth | None = None) -> dict[str, Figure]:
     """All figures by name, the most informative first."""
@@ -36,7 +33,8 @@ def balance_figure(result: Weighing, balance: Balance, truth: Truth | None = Non
     stance, centres = tuple(_stance(result, balance)), tuple(_centres(result, balance, truth))
     places = np.concatenate([np.column_stack([mark.x, mark.y]) for mark in centres])
     middle = 0.5 * (np.nanmax(places, axis=0) + np.nanmin(places, axis=0))
-    half = 0.6 * float(np.nanmax(np.nanmax(places, axis=0) - np.nanmin(places, axis=0))) + _MARGIN
+    around = 0.005  # m
+    half = 0.6 * float(np.nanmax(np.nanmax(places, axis=0) - np.nanmin(places, axis=0))) + around
     feet = balance.level(balance.feet)[balance.stance]
     room = 0.2 * float(np.ptp(feet, axis=0).max())
     whole = _level_panel((*stance, *centres), feet.min(axis=0) - room, feet.max(axis=0) + room, "", 1.6)
@@ -63,7 +61,8 @@ def _stance(result: Weighing, balance: Balance) -> Iterator[Series]:
     outline = feet[[*standing, standing[0]]]
     yield Series(outline[:, 0], outline[:, 1], "support polygon", "steel", 1.5, fill="self")
     names = [leg.name for leg in result.robot.legs]
-    size = _LARGEST * np.sqrt(np.maximum(balance.force / balance.force.max(), 0.0))
+    largest = 46.0  # px, the marker of the most loaded foot
+    size = largest * np.sqrt(np.maximum(balance.force / balance.force.max(), 0.0))
     texts = tuple(f"{names[k]} {balance.force[k]:.0f} N" for k in standing)
     at = feet[standing]
     yield Series(
