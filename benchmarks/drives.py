@@ -9,27 +9,17 @@ deviations.
 
 from __future__ import annotations
 
-import argparse
-import json
-import os
 import zlib
 from collections import defaultdict
 from itertools import product
 from pathlib import Path
 from typing import Any
 
-os.environ.setdefault("OMP_NUM_THREADS", "1")
-
 import numpy as np
-from rich.console import Console
+from simulated import made_log, parser_of, show
 
 from stadera.errors import StaderaError
-from stadera.files import write_text
-from stadera.lab.experiments.reality import toppled
-from stadera.lab.scenarios.run import simulate, stored
 from stadera.lab.scenarios.settings import SimulateSettings
-from stadera.report.table import TableData
-from stadera.report.terminal import rich_table
 from stadera.robot import load_robot
 from stadera.trunk.drives import TERMS
 from stadera.types import Array
@@ -45,10 +35,10 @@ def joints(name: str, gait: str, seed: int, folder: Path | None) -> Array | None
     """
     robot, case = load_robot(name), f"{name}-{gait}-{seed}"
     settings = SimulateSettings("real", seed=zlib.crc32(case.encode()))
-    path = None if folder is None else folder / f"scale-{case}.parquet"
-    log, truth = stored(path, lambda: simulate(robot, gait, settings))
-    if toppled(log, robot) or truth.drawn is None:
+    made = made_log(robot, gait, settings, folder, f"scale-{case}")
+    if made is None or made[1].drawn is None:
         return None
+    log, truth = made
     try:
         drives = weigh(robot, log).drives
     except StaderaError:
@@ -63,11 +53,8 @@ def joints(name: str, gait: str, seed: int, folder: Path | None) -> Array | None
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--seed", type=int, default=0)
+    parser = parser_of(__doc__)
     parser.add_argument("--seeds", type=int, default=1, help="runs of each robot and gait")
-    parser.add_argument("--keep", type=Path, metavar="FOLDER", help="where logs are stored, those of on_scale.py")
-    parser.add_argument("--json", type=Path, metavar="F")
     chosen = parser.parse_args()
     found: dict[str, list[Array]] = defaultdict(list)
     for seed, name, gait in product(range(chosen.seed, chosen.seed + chosen.seeds), ROBOTS, GAITS):
@@ -80,14 +67,12 @@ def main() -> None:
             error = float(np.median(off[seen > 0])) if seen.any() else float("nan")
             row = {"gait": gait, "term": term, "joints": len(z), "observed": float(seen.mean()), "error": error}
             out.append(row | {"within 2 sigma": float((z < 2.0).mean()), "largest": float(z.max())})
-    rows = (
+    rows = [
         (f"{r['gait']} {r['term']}", *(f"{100.0 * r[key]:.3g} %" for key in ("observed", "error", "within 2 sigma")))
         for r in out
-    )
+    ]
     head = ("drives", "observed", "error, median", "within 2 σ")
-    Console(width=110).print(rich_table(TableData.of("Drives by motion", head, rows)))
-    if chosen.json:
-        write_text(chosen.json, json.dumps(out, indent=2))
+    show("Drives by motion", head, rows, out, chosen.json)
 
 
 if __name__ == "__main__":

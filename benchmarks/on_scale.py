@@ -8,28 +8,18 @@ The scale shows the true mass of the drawn robot, off by a draw of its standard 
 
 from __future__ import annotations
 
-import argparse
-import json
-import os
 import zlib
 from collections import defaultdict
 from itertools import product
 from pathlib import Path
 from typing import Any
 
-os.environ.setdefault("OMP_NUM_THREADS", "1")
-
 import numpy as np
-from rich.console import Console
+from simulated import made_log, parser_of, show
 
 from stadera.errors import StaderaError
-from stadera.files import write_text
-from stadera.lab.experiments.reality import toppled
-from stadera.lab.scenarios.run import simulate, stored
 from stadera.lab.scenarios.settings import SimulateSettings
 from stadera.report.numbers import number
-from stadera.report.table import TableData
-from stadera.report.terminal import rich_table
 from stadera.robot import load_robot
 from stadera.types import Array
 from stadera.weigh import weigh
@@ -46,10 +36,12 @@ def errors(name: str, gait: str, seed: int, scale: float, folder: Path | None) -
     robot, case = load_robot(name), f"{name}-{gait}-{seed}"
     number = zlib.crc32(case.encode())
     settings = SimulateSettings("real", seed=number)
-    path = None if folder is None else folder / f"scale-{case}.parquet"
-    log, truth = stored(path, lambda: simulate(robot, gait, settings))
+    made = made_log(robot, gait, settings, folder, f"scale-{case}")
+    if made is None:
+        return None
+    log, truth = made
     loaded = next((moment for moment in truth.moments if moment.payload_mass), None)
-    if toppled(log, robot) or loaded is None or truth.drawn is None:
+    if loaded is None or truth.drawn is None:
         return None
     links: Any = truth.drawn["links"]
     whole = sum(body[0] for body in links.values()) + scale * np.random.default_rng(number).standard_normal()
@@ -66,12 +58,9 @@ def errors(name: str, gait: str, seed: int, scale: float, folder: Path | None) -
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--seed", type=int, default=0)
+    parser = parser_of(__doc__)
     parser.add_argument("--seeds", type=int, default=1, help="runs of each robot and gait")
     parser.add_argument("--scale", type=float, default=0.05, metavar="KG", help="standard deviation of the scale")
-    parser.add_argument("--keep", type=Path, metavar="FOLDER", help="where logs are stored")
-    parser.add_argument("--json", type=Path, metavar="F")
     chosen = parser.parse_args()
     runs: dict[str, list[Array]] = defaultdict(list)
     for seed, name, gait in product(range(chosen.seed, chosen.seed + chosen.seeds), ROBOTS, GAITS):
@@ -87,9 +76,7 @@ def main() -> None:
             cells = (f"{number(m, 2)} ({number(x, 2)})" for m, x in zip(median, most, strict=True))
             rows.append((f"{gait} {weighed}", str(len(every)), *cells))
     head = ("weighed", "runs", "payload [%]", "trunk [%]", "payload [σ]", "trunk [σ]", "trunk's σ [%]")
-    Console(width=120).print(rich_table(TableData.of("Errors, median (largest), % of the robot", head, rows)))
-    if chosen.json:
-        write_text(chosen.json, json.dumps(out, indent=2))
+    show("Errors, median (largest), % of the robot", head, rows, out, chosen.json)
 
 
 if __name__ == "__main__":

@@ -10,9 +10,6 @@ that were noticed and are no change in the end. Robots that fall are left out.
 
 from __future__ import annotations
 
-import argparse
-import json
-import os
 import zlib
 from collections import defaultdict
 from dataclasses import dataclass
@@ -20,21 +17,14 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
-os.environ.setdefault("OMP_NUM_THREADS", "1")
-
 import numpy as np
-from rich.console import Console
+from simulated import made_log, parser_of, show
 
 from stadera.constants import GRAVITY
 from stadera.errors import StaderaError
-from stadera.files import write_text
-from stadera.lab.experiments.reality import toppled
 from stadera.lab.plant import OutsideForce, Tray
-from stadera.lab.scenarios.run import simulate, stored
 from stadera.lab.scenarios.settings import SimulateSettings
 from stadera.logs import Recording
-from stadera.report.table import TableData
-from stadera.report.terminal import rich_table
 from stadera.robot import Robot, load_robot
 from stadera.trunk import TrunkEstimator
 from stadera.trunk.samples import Samples
@@ -57,8 +47,8 @@ class Push:
     share: float  # of the weight
     seconds: float  # how long it lasts
 
-    def log(self, robot: Robot, seed: int, folder: Path | None) -> tuple[Recording, Truth]:
-        """The log, stored earlier or simulated now."""
+    def log(self, robot: Robot, seed: int, folder: Path | None) -> tuple[Recording, Truth] | None:
+        """The log, stored earlier or simulated now; None if the robot fell."""
         tray = Tray.of(robot)
         at = (float(tray.centre[0]), float(tray.centre[1]), tray.top)
         size = self.share * robot.mass * GRAVITY
@@ -67,16 +57,16 @@ class Push:
         settings = SimulateSettings(
             "real", None, duration=LENGTH, seed=zlib.crc32(name.encode()), hold=2, outside=force
         )
-        path = None if folder is None else folder / f"push-{name}.parquet"
-        return stored(path, lambda: simulate(robot, self.gait, settings))
+        return made_log(robot, self.gait, settings, folder, f"push-{name}")
 
 
 def weighed(push: Push, seed: int, folder: Path | None) -> dict[str, Any]:
     """Errors over their standard deviations before the push, at its end, and `AFTER` it; changes noticed and kept."""
     robot = load_robot(push.robot)
-    log, truth = push.log(robot, seed, folder)
-    if toppled(log, robot):
+    made = push.log(robot, seed, folder)
+    if made is None:
         return {"fell": True}
+    log, truth = made
     samples, estimator, found = Samples.of_recording(log, robot), TrunkEstimator(robot), {}
     begin, noticed = 0.0, 0
     end = BEGIN + push.seconds
@@ -106,14 +96,7 @@ def cases(seed: int) -> list[Push]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--keep", type=Path, help="folder in which logs are kept")
-    parser.add_argument("--json", type=Path, help="writes all results")
-    options = parser.parse_args()
-    if options.keep is not None:
-        options.keep.mkdir(parents=True, exist_ok=True)
-    console, runs = Console(), []
+    options, runs = parser_of(__doc__).parse_args(), []
     for push in cases(options.seed):
         try:
             runs.append((push, weighed(push, options.seed, options.keep)))
@@ -134,9 +117,7 @@ def main() -> None:
         row = [str(len(own)), *(within(when) for when in ("before", "end", "soon", "after"))]
         rows.append((gait, *row, f"{np.median(off):.2g}; {np.percentile(off, 95):.2g}", str(noticed), str(kept)))
     header = ("gait", "runs", "before", "at its end", "0.5 s after", "2 s after", "mass off [%]", "noticed", "kept")
-    console.print(rich_table(TableData.of("Within 3 σ [% of runs]", header, rows)))
-    if options.json is not None:
-        write_text(options.json, json.dumps([vars(push) | run for push, run in runs], indent=1))
+    show("Within 3 σ [% of runs]", header, rows, [vars(push) | run for push, run in runs], options.json)
 
 
 if __name__ == "__main__":
