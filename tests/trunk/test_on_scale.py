@@ -15,7 +15,7 @@ from stadera.logs import Recording
 from stadera.trunk import Samples
 from stadera.trunk.error_model import ErrorModel
 from stadera.trunk.joint_errors import Errors
-from stadera.trunk.on_scale import OnScale, Told
+from stadera.trunk.outside import Correction, on_scale
 from stadera.trunk.segment import Segment, WeightedRows
 from stadera.trunk.settings import ModelErrors, SwingDetection
 from stadera.trunk.swing import SwingJoints
@@ -42,7 +42,7 @@ def test_it_is_gaussian_conditioning() -> None:
     )
     then, now, links = summed(1), summed(2), np.zeros(ERRORS)
     links[PLACES["link_mass"]] = 2.0
-    told = Told(OnScale(50.0, 0.3, links, then), errors, then, 2.0)
+    told = Correction([on_scale(50.0, 0.3, links, then)], errors, now, 2.0)
     # unknowns: lasting errors, changing errors then and now, noise then and now
     changing = np.zeros(ERRORS, dtype=bool)
     changing[PLACES["regression"]] = changing[PLACES["stiction"]] = True
@@ -62,9 +62,8 @@ def test_it_is_gaussian_conditioning() -> None:
     variance = weighed @ joint @ weighed + 0.3**2
     for segment, error in ((then, of_then), (now, of_now)):
         shared, own = error @ joint @ weighed, error @ joint @ error.T
-        np.testing.assert_allclose(told.shared(segment), shared, rtol=1e-9, atol=1e-12)
-        value, covariance, by_scale = told.corrected(
-            segment.mean(errors.mean), own, errors.by_scale(segment.sensitivity), told.shared(segment)
+        value, covariance, by_scale = told.of_trunks(
+            {segment: np.eye(10)}, segment.mean(errors.mean), own, errors.by_scale(segment.sensitivity)
         )
         missing = 50.0 - then.mean(errors.mean)[0] - links @ errors.mean
         np.testing.assert_allclose(value, segment.mean(errors.mean) + shared * missing / variance, rtol=1e-9)

@@ -32,12 +32,14 @@ from stadera.trunk.drives import Drives
 from stadera.trunk.fit import ModelFit
 from stadera.trunk.front import Front, Made
 from stadera.trunk.history import History
+from stadera.trunk.joint_errors import Errors
 from stadera.trunk.load import LoadChange, Payload, without_scale
 from stadera.trunk.loads import Found, LoadChanges
 from stadera.trunk.measurement import Measurement
+from stadera.trunk.memory import Memory, MemorySettings
 from stadera.trunk.merge import TrunkEvidence
 from stadera.trunk.model import ImplausibleError, TrunkBounds, TrunkModel
-from stadera.trunk.on_scale import OnScale, Told
+from stadera.trunk.outside import Correction, Knowledge, on_scale, with_test_weight
 from stadera.trunk.protocol import Status, TrunkEstimate, unobserved
 from stadera.trunk.result import ObservedLimits, TrunkParameters
 from stadera.trunk.samples import Samples
@@ -51,22 +53,26 @@ class _Reading:
     """The trunk as estimated at one time, computed on first use."""
 
     def __init__(self, of: TrunkEstimator) -> None:
-        self._of, self._segment, self._errors = of, of._history.current, of._fit.errors
+        self._of, self._segment, self._errors, self._known = of, of._history.current, of._fit.errors, of._known
         self._scatter, self._suspected = of._history.scatter.value, of._changes.detector.suspected
-        self._told = of._told
 
     @cached_property
     def parameters(self) -> TrunkParameters:
         """All ten parameters and their uncertainty."""
-        of, covariance = self._of, self._errors.trunk_covariance(self._segment, self._scatter)
+        of, segment, covariance = self._of, self._segment, self._errors.trunk_covariance(self._segment, self._scatter)
         covariance[:4, :4] += np.outer(self._suspected, self._suspected)
-        vector = self._segment.mean(self._errors.mean)
-        by_scale = self._errors.by_scale(self._segment.sensitivity)
-        if self._told is not None:
-            shared = self._told.shared(self._segment)
-            vector, covariance, by_scale = self._told.corrected(vector, covariance, by_scale, shared)
+        vector = segment.mean(self._errors.mean)
+        by_scale = self._errors.by_scale(segment.sensitivity)
+        if (outside := _correction(self._known, self._errors, segment, self._scatter)) is not None:
+            vector, covariance, by_scale = outside.of_trunks({segment: np.eye(10)}, vector, covariance, by_scale)
         found = TrunkParameters.of(vector, covariance, of._start, of.robot.mass, of.robot.leg_length)
         return replace(found, mass_std_without_scale=without_scale(covariance[0, 0], by_scale[0]))
+
+
+def _correction(known: tuple[Knowledge, ...], errors: Errors, present: Segment, scatter: float) -> Correction | None:
+    """What is known from outside, of trunks that have rows; None if nothing."""
+    ready = [k for k in known if all((segment or present).blocks for segment, _ in k.trunks)]
+    return Correction(ready, errors, present, scatter) if ready else None
 
 
 @dataclass(frozen=True)
@@ -120,7 +126,7 @@ class TrunkEstimator:
         layout = self._fit.model.layout
         self._history = History(self.robot, self._start.vector, layout, self.settings)
         self._changes = LoadChanges(self.robot, layout, self.settings)
-        self._scale: OnScale | None = None
+        self._known: tuple[Knowledge, ...] = ()
         self._good: _Reading | None = None
         self._state = _State()
 
@@ -178,7 +184,7 @@ class TrunkEstimator:
         """
         self._history.set_tare(self._fit.errors.mean)
         self._changes.keep()
-        self._freeze_scale(self._history.current)
+        self._end_load(self._history.current)
 
     def know_weight(self, mass: float, std: float) -> None:
         """Takes the mass of the whole robot as it is now, or as it was at the tare if there was one, from a scale. It
@@ -199,9 +205,64 @@ class TrunkEstimator:
         layout, moved = self._fit.model.layout, self.robot.tree.links[1:]
         links = np.zeros(layout.count)
         links[layout.places["link_mass"]] = [self.robot.inertias[link].mass for link in moved]
-        self._scale = OnScale(mass - legs, std, links, self._history.tare)
-        if self._good is not None:
-            self._good = _Reading(self)
+        self._know(on_scale(mass - legs, std, links, self._history.tare))
+
+    def know_payload(self, mass: float, com: ArrayLike, mass_std: float = 0.005, com_std: float = 0.005) -> None:
+        """Takes the payload since the tare as known: a test weight, by which gains and offsets are calibrated.
+
+        Args:
+            mass: [kg]. com: (3,) [m], of its centre of mass, trunk frame. mass_std, com_std: their standard deviations.
+
+        Raises:
+            IdentificationError: no tare, or not a payload.
+        """
+        centre = np.asarray(com, dtype=float)
+        if self._history.tare is None:
+            raise IdentificationError("a test weight is known since a tare, and there is none")
+        if not (0.0 < mass < inf and mass_std >= 0.0 and com_std >= 0.0 and centre.shape == (3,)):
+            place = ", ".join(f"{v:g}" for v in centre.ravel())
+            raise IdentificationError(f"a test weight needs a mass above zero and x, y, z; got {mass:g} kg, {place}")
+        slope = np.zeros((4, 4))
+        slope[0, 0], slope[1:, 0], slope[1:, 1:] = 1.0, centre, mass * np.eye(3)
+        covariance = slope @ np.diag([mass_std**2, *[com_std**2] * 3]) @ slope.T
+        moments, count = np.array([mass, *(mass * centre)]), self._fit.model.layout.count
+        self._know(with_test_weight(moments, covariance + 1e-12 * np.eye(4), count, self._history.tare))
+
+    def recall(self, memory: Memory, days: float = np.nan, settings: MemorySettings | None = None) -> None:
+        """Uses what earlier logs of this robot told.
+
+        Args:
+            memory: see `stadera.trunk.memory`. days: time of this log, days since 1970; NaN if unknown.
+
+        Raises:
+            IdentificationError: it is of another robot or another model.
+        """
+        settings, model = settings or MemorySettings(), self._fit.model
+        memory = memory.check(self.robot).faded(model.layout, days, settings)
+        if (known := memory.knowledge(model.layout, model.variance, settings)) is not None:
+            self._know(known)
+
+    def remember(self, memory: Memory, days: float = np.nan, settings: MemorySettings | None = None) -> Memory:
+        """The memory with what this log told besides.
+
+        Raises:
+            IdentificationError: another robot or model, a bad fit, or a log that contradicts the memory.
+        """
+        settings, model, errors = settings or MemorySettings(), self._fit.model, self._fit.errors
+        if self.trust.verdict == "bad":
+            raise IdentificationError("a log whose fit is bad is not remembered")
+        memory = memory.check(self.robot).faded(model.layout, days, settings)
+        own = tuple(known for known in self._known if known.trunks)
+        outside = _correction(own, errors, self._history.current, self._history.scatter.value)
+        mean, covariance = (errors.mean, errors.covariance) if outside is None else outside.of_errors()
+        variance = np.diag(covariance)
+        what, apart = memory.contradiction(model.layout, model.variance, mean, variance, settings)
+        if apart > settings.contradicted:
+            raise IdentificationError(
+                f"this log contradicts the memory of {memory.logs} logs in the {what}, by {apart:.1f} standard "
+                "deviations: a part that was changed, or another robot; it is not remembered"
+            )
+        return memory.plus(model.layout, model.variance, mean, variance, days)
 
     def restart(self) -> None:
         """Announces that the next samples do not continue the previous ones; their rate may differ. Estimates are
@@ -259,9 +320,9 @@ class TrunkEstimator:
             missed = missed - (now.mean(p) - history.aged.mean(p))[:4]
         covariance[:4, :4] += np.outer(missed, missed)
         by_scale = errors.by_scale(now.sensitivity - tare.sensitivity)
-        if (told := self._told) is not None:
-            shared = told.shared(now) - told.shared(tare)
-            difference, covariance, by_scale = told.corrected(difference, covariance, by_scale, shared)
+        if (outside := self._outside) is not None:
+            weights = {now: np.eye(10), tare: -np.eye(10)}
+            difference, covariance, by_scale = outside.of_trunks(weights, difference, covariance, by_scale)
         found = Payload.of_parameters(difference, covariance, ObservedLimits().com * self.robot.leg_length)
         return replace(found, mass_std_without_scale=without_scale(covariance[0, 0], by_scale[0]))
 
@@ -273,11 +334,12 @@ class TrunkEstimator:
     @property
     def trust(self) -> Trust:
         """How well the model explains the log so far."""
-        trust, told = self._fit.trust, self._told
-        if told is None or abs(told.apart) <= self.settings.apart:
-            return trust
-        reason = f"the scale and the log are {abs(told.apart):.1f} standard deviations apart: another load than on the "
-        return trust.at_most("doubtful", reason + "scale, or torques of another scale than usual")
+        trust, outside = self._fit.trust, self._outside
+        for known, apart in () if outside is None else zip(outside.known, outside.apart, strict=True):
+            if apart > self.settings.apart:
+                reason = f"{known.what} and the log are {apart:.1f} standard deviations apart: another load than was "
+                trust = trust.at_most("doubtful", reason + "said, a part that was changed, or torques of another scale")
+        return trust
 
     @property
     def torque_lag(self) -> tuple[float, float]:
@@ -344,25 +406,26 @@ class TrunkEstimator:
         held = fit.fit is not None and fit.fit.misfit > self.settings.bad
         found = self._changes.look(rows, history, fit.errors, held)
         if found is Found.OTHER:
-            self._freeze_scale(history.finished[-1])
+            self._end_load(history.finished[-1])
             self._state = replace(self._state, since=now)
-        elif found is Found.BACK and self._scale is not None and self._scale.segment is history.oldest:
-            self._scale = replace(self._scale, segment=None)
+        elif found is Found.BACK:
+            self._known = tuple(known.of_load(history.oldest, None) for known in self._known)
         self._adopt(now)
 
-    def _freeze_scale(self, segment: Segment) -> None:
-        """The robot was on the scale with the load that ends now."""
-        if self._scale is not None and self._scale.segment is None:
-            self._scale = replace(self._scale, segment=segment)
+    def _know(self, known: Knowledge) -> None:
+        """Takes in what is known from outside, in place of what the same source said before."""
+        self._known = (*(other for other in self._known if other.what != known.what), known)
+        if self._good is not None:
+            self._good = _Reading(self)
+
+    def _end_load(self, load: Segment) -> None:
+        """What was known of the present load is of one that ends now."""
+        self._known = tuple(known.of_load(None, load) for known in self._known)
 
     @property
-    def _told(self) -> Told | None:
-        """What a scale tells, if it was asked and the trunk then is known."""
-        scale = self._scale
-        if scale is None:
-            return None
-        segment = scale.segment or self._history.current
-        return Told(scale, self._fit.errors, segment, self._history.scatter.value) if segment.blocks else None
+    def _outside(self) -> Correction | None:
+        """What is known from outside, in place of the estimates."""
+        return _correction(self._known, self._fit.errors, self._history.current, self._history.scatter.value)
 
     def _adopt(self, time: float) -> None:
         """Adopts the present estimate of the trunk, unless it is implausible."""

@@ -1,0 +1,148 @@
+"""What is known from outside the log: a scale that the robot stood on, a test weight on its back, earlier logs.
+
+Each is a set of values y that are linear in model errors p and in trunks θ_k, of the loads under which they were known:
+
+    y = A p + Σ_k N_k θ_k + ε,      cov ε = R
+
+An estimate of θ_k has the error n_k - K_k δ, with n_k the noise of its rows, of covariance κ P_k, and δ the error of
+p̂, of covariance Σ. What is missing, y less its estimate, has the error
+
+    ν = H δ + Σ_k N_k n_k + ε,      H = A - Σ_k N_k K_k,      S = cov ν
+
+and corrects any other estimate, of error e, by its covariance C with ν:
+
+    x ← x + C S⁻¹ (y - ŷ),      cov x ← cov x - C S⁻¹ Cᵀ
+
+Errors that may change with the load, V of p̂'s covariance, are others at another time: two values share them only
+through the trunks that both name. Several sets are one with a longer y.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve
+
+from stadera.trunk.joint_errors import Errors
+from stadera.trunk.segment import Segment
+from stadera.types import Array
+
+
+@dataclass(frozen=True, eq=False)
+class Knowledge:
+    """Values known from outside.
+
+    Attributes:
+        what: who says so, for sentences.
+        value: y (m,). covariance: R (m, m).
+        errors: A (m, errors).
+        trunks: N (m, 10) of each trunk; None is that of the present load.
+    """
+
+    what: str
+    value: Array
+    covariance: Array
+    errors: Array
+    trunks: tuple[tuple[Segment | None, Array], ...] = ()
+
+    @property
+    def is_open(self) -> bool:
+        """True while it is about the present load."""
+        return any(segment is None for segment, _ in self.trunks)
+
+    def of_load(self, present: Segment | None, instead: Segment | None) -> Knowledge:
+        """The same with `instead` in place of the load `present`."""
+        moved = tuple((instead if segment is present else segment, N) for segment, N in self.trunks)
+        return Knowledge(self.what, self.value, self.covariance, self.errors, moved)
+
+
+Weights = Mapping[Segment, Array]
+"""Of trunks in an estimate, (k, 10) each: the payload is the present trunk less that of the tare."""
+
+
+class Correction:
+    """Corrects estimates that rest on the same p̂ by what is known from outside.
+
+    Args:
+        known: what is known, about trunks that have rows. errors: p̂ and Σ. present: the trunk of the present load.
+        scatter: κ.
+
+    Attributes:
+        known: as given.
+        apart: how far each of `known` and the log are from each other, the furthest of its values, in standard
+            deviations [1].
+    """
+
+    def __init__(self, known: Sequence[Knowledge], errors: Errors, present: Segment, scatter: float) -> None:
+        self._errors, self._scatter = errors, scatter
+        self._trunks: dict[Segment, Array] = {}
+        ends = np.cumsum([len(item.value) for item in known]).tolist()
+        m, self.known = ends[-1], tuple(known)
+        value, covariance, H = np.zeros(m), np.zeros((m, m)), np.zeros((m, errors.mean.size))
+        parts = [slice(end - len(item.value), end) for end, item in zip(ends, known, strict=True)]
+        for part, item in zip(parts, known, strict=True):
+            H[part] = item.errors
+            value[part] = item.value - item.errors @ errors.mean
+            covariance[part, part] = item.covariance
+            for segment, N in item.trunks:
+                trunk = segment or present
+                whole = self._trunks.setdefault(trunk, np.zeros((m, 10)))
+                whole[part] += N
+                value[part] -= N @ trunk.mean(errors.mean)
+                H[part] -= N @ trunk.sensitivity
+        self._missing, self._lasting = value, errors.lasting @ H.T
+        covariance += H @ self._lasting
+        for trunk, N in self._trunks.items():
+            covariance += N @ self._own(trunk) @ N.T
+        self._root = cho_factor(0.5 * (covariance + covariance.T))
+        far = np.abs(value) / np.sqrt(np.diag(covariance))
+        self.apart = tuple(float(far[part].max()) for part in parts)
+
+    def _own(self, trunk: Segment) -> Array:
+        """Covariance (10, 10) of a trunk's error that no other trunk shares."""
+        K, changing = trunk.sensitivity, self._errors.covariance - self._errors.lasting
+        return np.asarray(self._scatter * trunk.inverse @ trunk.inverse.T + K @ changing @ K.T)
+
+    def _shared(self, weights: Weights) -> Array:
+        """C (k, m)."""
+        out = sum(-W @ trunk.sensitivity @ self._lasting for trunk, W in weights.items())
+        for trunk, W in weights.items():
+            if trunk in self._trunks:
+                out = out + W @ self._own(trunk) @ self._trunks[trunk].T
+        return np.asarray(out)
+
+    def of_trunks(
+        self, weights: Weights, value: Array, covariance: Array, by_scale: Array
+    ) -> tuple[Array, Array, Array]:
+        """An estimate (10,) of trunks with these weights, its covariance (10, 10), and `Errors.by_scale` (10,)."""
+        C, at = self._shared(weights), self._errors.layout.places["common_gain"].start
+        gain = cho_solve(self._root, C.T).T
+        own, seen = self._errors.covariance[at, at], self._lasting[at]
+        left = max(own - float(seen @ cho_solve(self._root, seen)), 1e-300)
+        by_scale = (by_scale * np.sqrt(own) + gain @ seen) / np.sqrt(left)
+        return value + gain @ self._missing, covariance - gain @ C.T, by_scale
+
+    def of_errors(self) -> tuple[Array, Array]:
+        """p̂ (errors,) and its covariance (errors, errors)."""
+        gain = cho_solve(self._root, self._lasting.T).T
+        return self._errors.mean + gain @ self._missing, self._errors.covariance - gain @ self._lasting.T
+
+
+def on_scale(mass: float, std: float, links: Array, load: Segment | None) -> Knowledge:
+    """A robot on a scale.
+
+    Args:
+        mass, std: [kg], without the model's legs, and of the scale.
+        links: (errors,), mass of each leg's link at its place in p, else zero [kg].
+        load: the trunk when it was weighed; None for the present load.
+    """
+    first = np.eye(1, 10)
+    return Knowledge("the scale", np.array([mass]), np.array([[std**2]]), links[None], ((load, first),))
+
+
+def with_test_weight(moments: Array, covariance: Array, errors: int, tare: Segment) -> Knowledge:
+    """A payload since the tare whose mass and first moment (4,) [kg, kg·m], of this covariance (4, 4), are known."""
+    four = np.eye(4, 10)
+    return Knowledge("the test weight", moments, covariance, np.zeros((4, errors)), ((None, four), (tare, -four)))

@@ -1,0 +1,160 @@
+"""What earlier logs told of a robot, and a test weight: against dense conditioning, and on drawn robots."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from stadera import IdentificationError, TrunkEstimator, load_robot
+from stadera.excite.sinusoids import Sinusoids
+from stadera.excite.trunk.expected import Drawn
+from stadera.excite.trunk.planted import AXES, Planted
+from stadera.inertia import InertialParameters
+from stadera.robot.model import JointDynamics
+from stadera.trunk import Samples
+from stadera.trunk.memory import OF_ROBOT, Memory, MemorySettings
+
+GO2 = load_robot("go2")
+LOAD = InertialParameters.from_com(1.5, (0.05, -0.02, 0.1), 0.004 * np.eye(3))
+STILL = MemorySettings(friction=0.0, offset=0.0, lag=0.0, daily=0.0)
+
+
+def sway(seed: int) -> Sinusoids:
+    rng = np.random.default_rng(seed)
+    largest = np.array([0.16, 0.16, 0.08, 0.01, 0.01, 0.0])
+    amplitudes = np.repeat(0.5 * largest[None, :, None], 2, axis=2)
+    frequencies, phases = rng.uniform(0.6, 1.6, (1, 6, 2)), rng.uniform(0.0, 6.0, (1, 6, 2))
+    starts = np.array([0.0, 3.5])
+    return Sinusoids(AXES, np.zeros(6), np.zeros((1, 6)), amplitudes, frequencies, phases, starts, 0.5)
+
+
+@cache
+def drawn(seed: int) -> Drawn:
+    return Drawn(GO2, np.random.default_rng((5, seed)))
+
+
+def measured(robot: int, log: int, load: InertialParameters | None, later: float = 0.0) -> Samples:
+    made = drawn(robot)
+    samples = made.measured(Planted.of(made.true, sway(log), 200.0), load)
+    return replace(samples, time=samples.time + later)
+
+
+def weighed(robot: int, log: int, memory: Memory | None = None) -> TrunkEstimator:
+    estimator = TrunkEstimator(GO2)
+    if memory is not None:
+        estimator.recall(memory, settings=STILL)
+    estimator.add(measured(robot, log, None))
+    estimator.tare()
+    estimator.add(measured(robot, log, LOAD, 4.5))
+    return estimator
+
+
+def remembered(robot: int, logs: int) -> Memory:
+    memory = Memory.none(GO2)
+    for log in range(logs):
+        memory = weighed(robot, log).remember(memory, settings=STILL)
+    return memory
+
+
+def test_information_adds_up_to_the_mean_of_the_logs() -> None:
+    """Two logs that know an error equally well, against Bayes' rule."""
+    layout, rng = TrunkEstimator(GO2)._fit.model.layout, np.random.default_rng(0)
+    prior, means = rng.uniform(1.0, 2.0, layout.count), rng.normal(size=(2, layout.count))
+    memory = Memory.none(GO2)
+    for mean in means:  # a posterior of half the prior's variance, from data of the prior's variance
+        memory = memory.plus(layout, prior, 0.5 * mean, 0.5 * prior, 0.0)
+    found = memory.right / (1.0 + memory.information)
+    places = np.concatenate([np.arange(layout.count)[layout.places[name]] for name in OF_ROBOT])
+    np.testing.assert_allclose(found, (means.sum(axis=0) / np.sqrt(prior) / 3.0)[places], rtol=1e-12)
+    np.testing.assert_allclose(memory.information, 2.0)
+
+
+def test_a_robot_that_was_on_a_scale_remembers_the_scale_of_its_torques() -> None:
+    narrower, sigmas = [], []
+    for robot in range(4):
+        first = weighed(robot, 0)
+        truth = drawn(robot).true
+        first.know_weight(truth.mass, 0.02)
+        memory = weighed(robot, 1, first.remember(Memory.none(GO2), settings=STILL)).remember(
+            first.remember(Memory.none(GO2), settings=STILL), settings=STILL
+        )
+        assert memory.logs == 2
+        alone, after = weighed(robot, 7), weighed(robot, 7, memory)
+        assert alone.payload is not None
+        assert after.payload is not None
+        narrower.append([after.trunk.mass_std / alone.trunk.mass_std, after.payload.mass_std / alone.payload.mass_std])
+        error = [after.payload.mass - LOAD.mass, after.trunk.inertial.mass - truth.inertias[GO2.trunk].mass - LOAD.mass]
+        sigmas.append(np.abs(error) / [after.payload.mass_std, after.trunk.mass_std])
+        assert after.trust.verdict == "good", after.trust.reasons
+    assert np.median(narrower, axis=0)[0] < 0.7
+    assert np.median(narrower, axis=0)[1] < 0.95
+    assert np.max(sigmas) < 3.0
+
+
+def test_it_fades_with_logs_and_days() -> None:
+    memory, layout = remembered(0, 1), TrunkEstimator(GO2)._fit.model.layout
+    later = memory.faded(layout, 0.0, MemorySettings())
+    long_after = replace(memory, days=0.0).faded(layout, 1e4, MemorySettings())
+    assert memory.information.sum() > later.information.sum() > long_after.information.sum() > 0.0
+    told = later.information > 0.0
+    np.testing.assert_allclose(
+        later.right[told] / later.information[told], memory.right[told] / memory.information[told]
+    )
+    np.testing.assert_array_equal(memory.faded(layout, 0.0, STILL).information, memory.information)
+
+
+def test_a_changed_motor_is_named_and_not_merged() -> None:
+    memory = remembered(1, 2)
+    made = drawn(1)
+    joint = GO2.tree.joints[4]
+    was = made.true.dynamics[joint]
+    swapped = JointDynamics(was.armature, was.viscous, was.coulomb + 2.5, was.offset)
+    made.true = made.true.with_dynamics({joint: swapped})
+    try:
+        estimator = weighed(1, 8)
+        with pytest.raises(IdentificationError, match=f"2 logs in the Coulomb friction of {joint}"):
+            estimator.remember(memory, settings=STILL)
+        told = weighed(1, 8, memory)
+        assert told.trust.verdict == "doubtful"
+        assert any("the memory and the log are" in reason for reason in told.trust.reasons)
+    finally:
+        drawn.cache_clear()
+
+
+def test_a_memory_is_plain_values_of_one_model() -> None:
+    memory = remembered(0, 1)
+    back = Memory.from_dict(json.loads(json.dumps(memory.to_dict())))
+    np.testing.assert_array_equal(back.information, memory.information)
+    assert (back.logs, back.robot, back.joints) == (1, "go2", memory.joints)
+    with pytest.raises(IdentificationError, match="another model than hyq"):
+        back.check(load_robot("hyq"))
+    for broken in ({}, [], memory.to_dict() | {"information": [1.0]}, memory.to_dict() | {"right": [None]}):
+        with pytest.raises(IdentificationError, match="not a robot's memory"):
+            Memory.from_dict(broken)
+
+
+def test_a_test_weight_calibrates_the_robot() -> None:
+    """With the payload known, the trunk's bar loses the torques' common scale, and the next load is known better."""
+    estimator = weighed(2, 0)
+    before, trunk = estimator.payload, estimator.trunk
+    assert before is not None
+    estimator.know_payload(LOAD.mass, LOAD.com, 0.002, 0.002)
+    known = estimator.payload
+    assert known is not None
+    assert known.mass == pytest.approx(LOAD.mass, abs=0.005)
+    assert known.mass_std < 0.2 * before.mass_std
+    np.testing.assert_allclose(known.com, LOAD.com, atol=0.004)
+    assert estimator.trunk.mass_std < trunk.mass_std
+    assert estimator.trust.verdict == "good"
+    wrong = weighed(2, 0)
+    wrong.know_payload(2.0 * LOAD.mass, LOAD.com)
+    assert wrong.trust.verdict == "doubtful"
+    assert any("the test weight and the log" in reason for reason in wrong.trust.reasons)
+    with pytest.raises(IdentificationError, match="since a tare"):
+        TrunkEstimator(GO2).know_payload(1.0, (0.0, 0.0, 0.1))
+    with pytest.raises(IdentificationError, match="needs a mass above zero"):
+        wrong.know_payload(-1.0, (0.0, 0.0, 0.1))
