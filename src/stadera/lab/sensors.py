@@ -11,12 +11,12 @@ import numpy as np
 from scipy.linalg import block_diag
 from scipy.spatial.transform import Rotation
 
+from stadera.body.statics import foot_positions
 from stadera.constants import ROUNDING
 from stadera.errors import ModelError
 from stadera.inertia import InertialParameters
 from stadera.lab.plant.plant import Plant
 from stadera.lab.plant.state import TrueState
-from stadera.lab.plant.world import FootKinematics
 from stadera.lab.sensor_errors import SensorErrors
 from stadera.logs import Imu, Recording
 from stadera.robot.imu import ImuMount
@@ -67,7 +67,6 @@ class Sensors:
         error = errors.foot_position
         constant_error = constant.normal(error.mean, error.std, (len(robot.legs), 3))
         self._foot_offset = constant_error if error.drawn == "run" else np.zeros_like(constant_error)
-        self._kinematics = None if errors.foot_position.is_zero else FootKinematics(robot)
         # drawn for many samples at once if nothing else is drawn in between
         self._block = 1 if errors.foot_position.drawn == "sample" else _BLOCK
         self._noise: Iterator[Array] = iter(())
@@ -110,11 +109,12 @@ class Sensors:
         return late[0][1]
 
     def _feet(self, joint_position: Array) -> Array | None:
-        if self._kinematics is None:
-            return None
-        feet = self._kinematics.positions(joint_position) + self._foot_offset
         error = self.errors.foot_position
-        return feet + self._white.normal(error.mean, error.std, feet.shape) if error.drawn == "sample" else feet
+        if error.is_zero:
+            return None
+        feet = foot_positions(self.robot, joint_position[None])[0] + self._foot_offset
+        noise = self._white.normal(error.mean, error.std, feet.shape) if error.drawn == "sample" else 0.0
+        return np.asarray(feet + noise)
 
 
 @dataclass(frozen=True, eq=False)

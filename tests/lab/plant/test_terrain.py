@@ -24,15 +24,13 @@ def test_stones_are_drawn_by_their_seed_within_their_height() -> None:
     assert not heights[behind, side]  # level around the origin
 
 
-def test_some_stones_are_missing_but_none_to_start_on() -> None:
-    heights = Stones(seed=0, missing=0.4).heights()
-    assert 0.2 < np.isnan(heights).mean() < 0.4
-    terrain = Terrain(stones=Stones(seed=0, missing=0.4))
+def test_the_ground_ends_with_the_stones() -> None:
+    terrain = Terrain(stones=Stones(seed=0))
     assert np.isfinite(terrain.clearance([0.4, -0.3, 0.0]))
     assert np.isinf(terrain.clearance([100.0, 0.0, 0.0]))
 
 
-@pytest.mark.parametrize("wrong", [{"size": 0.0}, {"missing": 1.0}, {"height": -0.1}, {"seed": -1}])
+@pytest.mark.parametrize("wrong", [{"size": 0.0}, {"height": -0.1}, {"seed": -1}])
 def test_impossible_stones_are_refused(wrong: dict[str, float]) -> None:
     with pytest.raises(ModelError):
         Stones(**wrong)  # type: ignore[arg-type]

@@ -103,8 +103,9 @@ def plan_com(
     if not phases or not height > 0:
         raise PlanError(f"a plan needs phases and a positive height, got {len(phases)} phases and {height} m")
     steps, owner = _pieces(phases)
-    programme = _Programme(steps, owner, phases, start, height, margin, rest)
-    jerks, lacking = programme.solved()
+    maps, free = _response(steps, np.asarray(start, dtype=float))
+    tau2, rest = height / GRAVITY, _WEIGHTS.rest * rest
+    jerks, lacking = _Programme(phases, owner, steps, maps, free, tau2, margin, rest).solved()
     states = [np.asarray(start, dtype=float)]
     for jerk, step in zip(jerks, steps, strict=True):
         states.append(_moved(states[-1], jerk, step))
@@ -123,28 +124,22 @@ def _pieces(phases: Sequence[SupportPhase]) -> tuple[Array, NDArray[np.int_]]:
     return steps, np.repeat(np.arange(len(phases)), counts)
 
 
+@dataclass(frozen=True, eq=False)
 class _Programme:
     """The programme in the jerks of x, those of y, and the missing margins of each phase (z, then c)."""
 
-    def __init__(
-        self,
-        steps: Array,
-        owner: NDArray[np.int_],
-        phases: Sequence[SupportPhase],
-        start: Array,
-        height: float,
-        margin: float,
-        rest: float,
-    ) -> None:
-        self._phases, self._owner, self._margin, self._rest = phases, owner, margin, _WEIGHTS.rest * rest
-        self._n = len(steps)
-        self._tau2 = height / GRAVITY
-        self._steps = steps
-        self._maps, self._free = _response(steps, np.asarray(start, dtype=float))
+    phases: Sequence[SupportPhase]
+    owner: NDArray[np.int_]  # (k,) phase of each piece
+    steps: Array  # (k,) lengths of the pieces [s]
+    maps: list[Array]  # of jerks to states, see `_response`
+    free: list[Array]
+    tau2: float  # h / g [s²]
+    margin: float  # [m]
+    rest: float  # δ
 
     def solved(self) -> tuple[Array, float]:
         """Jerks (k, 2) and the largest missing margin of the zero-moment point [m]."""
-        n, m = self._n, len(self._phases)
+        n, m = len(self.steps), len(self.phases)
         hessian, gradient = self._cost()
         rows, bounds = self._supports()
         least = np.full(len(bounds), -_WEIGHTS.infinite)
@@ -152,8 +147,8 @@ class _Programme:
         bounds, least = np.append(bounds, np.full(2 * m, _WEIGHTS.infinite)), np.append(least, np.zeros(2 * m))
         last, rest = np.zeros((4, 2 * n + 2 * m)), np.zeros(4)
         for k, (what, axis) in enumerate(((1, 0), (1, 1), (2, 0), (2, 1))):
-            last[k, axis * n : (axis + 1) * n] = self._maps[what][-1]
-            rest[k] = -self._free[what][-1, axis]
+            last[k, axis * n : (axis + 1) * n] = self.maps[what][-1]
+            rest[k] = -self.free[what][-1, axis]
         for accuracy, most in _WEIGHTS.attempts:
             result = proxsuite.proxqp.dense.solve(
                 H=hessian, g=gradient, A=last, b=rest, C=rows, l=least, u=bounds, eps_abs=accuracy, max_iter=most
@@ -163,22 +158,22 @@ class _Programme:
         raise PlanError("no way of the centre of mass found through the phases ahead")
 
     def _cost(self) -> tuple[Array, Array]:
-        n, m = self._n, len(self._phases)
-        tau2, (position, speed, push) = self._tau2, self._maps
-        rests = np.array([self._phases[k].rests for k in self._owner], dtype=float)
-        goals = np.array([self._phases[k].goal for k in self._owner])
-        weight = self._steps[:, None]
+        n, m = len(self.steps), len(self.phases)
+        tau2, (position, speed, push) = self.tau2, self.maps
+        rests = np.array([self.phases[k].rests for k in self.owner], dtype=float)
+        goals = np.array([self.phases[k].goal for k in self.owner])
+        weight = self.steps[:, None]
         hessian, gradient = np.zeros((2 * n + 2 * m,) * 2), np.zeros(2 * n + 2 * m)
         block = tau2**2 * push.T @ (weight * push) + _WEIGHTS.near * position.T @ (weight * position)
-        block += self._rest * tau2 * speed.T @ ((rests[:, None] * weight) * speed)
-        block += np.diag(_WEIGHTS.jerk * tau2**3 * self._steps)
+        block += self.rest * tau2 * speed.T @ ((rests[:, None] * weight) * speed)
+        block += np.diag(_WEIGHTS.jerk * tau2**3 * self.steps)
         for axis in range(2):
-            free = [part[:, axis] for part in self._free]
+            free = [part[:, axis] for part in self.free]
             part = slice(axis * n, (axis + 1) * n)
             hessian[part, part] = block
-            gradient[part] = tau2**2 * push.T @ (self._steps * free[2])
-            gradient[part] += _WEIGHTS.near * position.T @ (self._steps * (free[0] - goals[:, axis]))
-            gradient[part] += self._rest * tau2 * speed.T @ (self._steps * rests * free[1])
+            gradient[part] = tau2**2 * push.T @ (self.steps * free[2])
+            gradient[part] += _WEIGHTS.near * position.T @ (self.steps * (free[0] - goals[:, axis]))
+            gradient[part] += self.rest * tau2 * speed.T @ (self.steps * rests * free[1])
         for k, (linear, quadratic) in enumerate((_WEIGHTS.lacking_zmp, _WEIGHTS.lacking_com)):
             part = slice(2 * n + k * m, 2 * n + (k + 1) * m)
             hessian[part, part] = quadratic * np.eye(m)
@@ -187,17 +182,17 @@ class _Programme:
 
     def _supports(self) -> tuple[Array, Array]:
         """Rows and bounds that keep both points in their supports at pieces' ends and at the beginning of a swing."""
-        m = len(self._phases)
-        position, _, push = self._maps
+        m = len(self.phases)
+        position, _, push = self.maps
         rows, bounds = [], []
-        for k, phase in enumerate(self._phases):
-            mine = np.flatnonzero(self._owner == k)
+        for k, phase in enumerate(self.phases):
+            mine = np.flatnonzero(self.owner == k)
             if phase.rests and mine[0] > 0:
                 mine = np.append(mine[0] - 1, mine)
             polygon = phase.support
             for which, map_, free in (
-                (0, position - self._tau2 * push, self._free[0] - self._tau2 * self._free[2]),
-                (1, position, self._free[0]),
+                (0, position - self.tau2 * push, self.free[0] - self.tau2 * self.free[2]),
+                (1, position, self.free[0]),
             ):
                 if which == 1 and not phase.rests:
                     continue
@@ -205,7 +200,7 @@ class _Programme:
                 lacking[:, which * m + k] = -1.0
                 for normal, distance in zip(polygon.normals, polygon.distances, strict=True):
                     rows.append(np.hstack([normal[0] * map_[mine], normal[1] * map_[mine], lacking]))
-                    bounds.append(distance - self._margin - free[mine] @ normal)
+                    bounds.append(distance - self.margin - free[mine] @ normal)
         return np.vstack(rows), np.concatenate(bounds)
 
 

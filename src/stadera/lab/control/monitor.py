@@ -23,7 +23,7 @@ class FallLimits:
     # share of the trunk's initial height above the ground below which the robot has fallen; it also has if its trunk or
     # a hip touches the ground
     lowest: float = 0.3
-    # tilt up to which knees may touch the ground, for a robot that sits [rad]
+    # tilt up to which knees may touch the ground [rad]
     kneeling: float = float(np.deg2rad(20.0))
     carries: float = 0.01  # least share of the weight on a foot of the support polygon
 

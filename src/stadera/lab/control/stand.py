@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Protocol
 
 from stadera.lab.control.trunk import TrunkController
 from stadera.lab.plant.plant import Plant, SimulationError
@@ -17,7 +16,7 @@ from stadera.types import Array, Bools
 
 
 class Gait:
-    """The part of a `Controller` that a gait delegates to its trunk controller; `update` is implemented by the gait."""
+    """A gait moves the reference and the legs of a trunk controller, to which it delegates the rest."""
 
     def __init__(self, controller: TrunkController) -> None:
         self.controller = controller
@@ -33,23 +32,13 @@ class Gait:
     def update_trunk(self, trunk: TrunkModel) -> bool:
         return self.controller.update_trunk(trunk)
 
-
-class Controller(Protocol):
-    """Interface of a controller for the loop: the trunk controller itself, or a gait that uses it."""
-
-    @property
-    def robot(self) -> Robot:
-        """The model of the robot."""
-
-    @property
-    def stance(self) -> Bools:
-        """Legs meant to be in stance, (4,) bool."""
-
-    def update_trunk(self, trunk: TrunkModel) -> bool:
-        """Sets a new model of the trunk; False if it is not plausible."""
-
     def update(self, measurement: Measurement) -> Array:
         """Joint torques (n,) [N·m]."""
+        raise NotImplementedError
+
+
+Controller = TrunkController | Gait
+"""What the loop calls."""
 
 
 Watcher = Callable[["TestBed"], None]
@@ -86,6 +75,11 @@ class TestBed:
         self._torque: Array = plant.effort
         self._mount = ImuMount.of(controller.robot)
         self.measurement: Measurement | None = None
+
+    @property
+    def trunk_controller(self) -> TrunkController:
+        """The controller itself, or that of the gait."""
+        return self.controller if isinstance(self.controller, TrunkController) else self.controller.controller
 
     def step(self) -> None:
         """One period: measure, estimate, control, simulate."""

@@ -13,7 +13,7 @@ Torques follow from inverse dynamics for the acceleration of a critically damped
 
 with p̈_free the foot's acceleration minus gravity without joint accelerations, all from gyro, accelerometer and joints.
 The rule is the same for every robot, since it includes the leg's own inertia. The reaction on the trunk is
-`SwingTorques.wrench`, which the ground has to add.
+the wrench that the ground has to add.
 
 A touch-down is detected from the torques: f = -J⁻ᵀ (τ - h - M q̈). Joint accelerations are not measured, but with ⟨·⟩ a
 first-order low-pass of time constant T, ⟨q̈⟩ = (q̇ - ⟨q̇⟩) / T, so for slowly changing M::
@@ -115,14 +115,6 @@ class SwingTrajectory:
         return np.asarray(rows)
 
 
-@dataclass(frozen=True, eq=False)
-class SwingTorques:
-    """Torques and reaction of swinging legs."""
-
-    torque: Array  # (4, 3) [N·m]; for legs that do not swing, the torque that would hold them in the air
-    wrench: Array  # (6,) force [N] and moment [N·m] at the trunk's origin, trunk axes, required by their acceleration
-
-
 class SwingLegs:
     """The legs that swing now; `columns` (4, 3) are the indices of each leg's joints in the tree's order.
 
@@ -143,13 +135,9 @@ class SwingLegs:
         self.trajectories: list[SwingTrajectory | None] = [None] * 4
         self.force, self.touched, self.error = np.zeros((4, 3)), np.zeros(4, dtype=bool), np.zeros(4)
         self._slow_rate, self._slow_torque = np.zeros((4, 3)), np.zeros((4, 3))
-        self._legs: list[int] = []
+        self.legs: list[int] = []  # that swing
         self._new: list[int] = []  # legs that started since the last update
         self._swings = np.zeros((4, 1))
-
-    @property
-    def any(self) -> bool:
-        return bool(self._legs)
 
     def begin(self, leg: int, trajectory: SwingTrajectory) -> None:
         """Starts a leg's swing, or changes the trajectory of a swinging leg."""
@@ -167,9 +155,9 @@ class SwingLegs:
         self._recount()
 
     def _recount(self) -> None:
-        self._legs = [leg for leg, path in enumerate(self.trajectories) if path is not None]
+        self.legs = [leg for leg, path in enumerate(self.trajectories) if path is not None]
         self._swings = np.zeros((4, 1))
-        self._swings[self._legs] = 1.0
+        self._swings[self.legs] = 1.0
 
     def update(
         self,
@@ -179,14 +167,16 @@ class SwingLegs:
         trunk: tuple[Array, Array, Array],
         normal: Array,
         dt: float,
-    ) -> SwingTorques:
-        """Torques and contact forces of the swinging legs; `trunk` is position [m], velocity [m/s] and rotation of the
-        trunk's origin in the odometry frame, `normal` (3,) the ground's in world axes, `dt` [s] the time since the last
-        update.
+    ) -> tuple[Array, Array]:
+        """Torques (4, 3) [N·m], which for legs that do not swing are those that would hold them in the air, and the
+        wrench (6,), force [N] and moment [N·m] at the trunk's origin, trunk axes, required by their acceleration.
+
+        `trunk` is position [m], velocity [m/s] and rotation of the trunk's origin in the odometry frame, `normal` (3,)
+        the ground's in world axes, `dt` [s] the time since the last update.
         """
         position, speed, rotation = trunk
         wanted, w = np.zeros((4, 3, 3)), self.settings.frequency
-        for leg in self._legs:
+        for leg in self.legs:
             wanted[leg] = self.trajectories[leg].at(measurement.time)  # type: ignore[union-attr]
         wanted -= np.array([position, speed, _GRAVITY])
         wanted = wanted.reshape(12, 3).dot(rotation).reshape(4, 3, 3)  # trunk axes from here on
@@ -200,7 +190,7 @@ class SwingLegs:
         self.force = np.vecmat(felt, inverse).dot(-rotation.T)
         self.touched = self.force.dot(normal) > self._least
         self.error = np.sqrt((off * off).sum(axis=1)) * self._swings[:, 0]
-        return SwingTorques(held + np.matvec(motion.inertia, joint), np.matvec(motion.coupling, joint).sum(axis=0))
+        return held + np.matvec(motion.inertia, joint), np.matvec(motion.coupling, joint).sum(axis=0)
 
     def _felt(self, torque: Array, rate: Array, inertia: Array, dt: float) -> Array:
         """⟨τ - h - M q̈⟩ (4, 3) [N·m]."""
@@ -215,7 +205,7 @@ class SwingLegs:
     def _inverse(self, jacobians: Array) -> Array:
         """J⁻¹ (4, 3, 3) of the swinging legs, damped near singularities; computed with the adjugate, for speed."""
         inverse = np.zeros((4, 3, 3))
-        for leg in self._legs:
+        for leg in self.legs:
             (a, b, c), (d, e, f), (g, h, i) = jacobians[leg].tolist()
             adjugate = np.array(
                 [

@@ -137,8 +137,6 @@ class TrunkController:
 
     Args:
         trunk: initial model; None for the robot's own.
-        least_load: least share of the robot's weight on every foot in stance [1].
-        first_load: share of the weight that a foot may carry immediately after landing [1].
         trunk_time: time constant [s] with which a new model of the trunk is adopted.
         jacobian: for the torques, at the "feet" as measured or by the "encoders"; the two differ only if the
             measurement contains foot positions.
@@ -171,12 +169,10 @@ class TrunkController:
         jacobian: JacobianOf = "feet",
         velocity_time: float = 0.0,
         moment_length: float | None = None,
-        least_load: float = 0.02,
-        first_load: float = 0.05,
     ) -> None:
         if jacobian not in ("feet", "encoders"):
             raise UnknownNameError("Jacobian of the contacts", jacobian, ("feet", "encoders"))
-        self._by_encoders, self._first_load = jacobian == "encoders", first_load
+        self._by_encoders = jacobian == "encoders"
         self.robot, self.legs = robot, MeasuredLegs(robot)
         self.gains = TrunkGains.of(robot)
         self.trunk = SmoothTrunk(trunk or TrunkModel.prior(robot), TrunkBounds.of(robot), trunk_time)
@@ -188,7 +184,8 @@ class TrunkController:
         self.com, self.feet, self.normal = np.zeros(3), np.zeros((4, 3)), _UP
         self.swinging = SwingLegs(robot, self.legs.columns)
         feet = nominal_feet(robot)
-        limits = ContactLimits(least_normal=least_load * robot.mass * GRAVITY)
+        least = 0.02  # share of the weight on every foot in stance
+        limits = ContactLimits(least_normal=least * robot.mass * GRAVITY)
         self._radii = np.array([[leg.foot_radius] * 3 for leg in robot.legs])
         self._effort = np.array([robot.limits[joint].effort for joint in robot.tree.joints])
         self._offset = np.array([robot.dynamics[joint].offset for joint in robot.tree.joints])
@@ -252,9 +249,9 @@ class TrunkController:
 
     def land(self, leg: int, duration: float) -> None:
         """Puts a leg into stance where it is; its load limit grows to the robot's weight within a duration [s]."""
-        weight = self._sharing.normal_force()
+        weight, first = self._sharing.normal_force(), 0.05  # share that the foot may carry immediately
         self.swinging.end(leg)
-        self._ramps[leg] = LoadRamp(self.time, duration, self._first_load * weight, weight, remains=False)
+        self._ramps[leg] = LoadRamp(self.time, duration, first * weight, weight, remains=False)
         self.stance = self.stance | (np.arange(4) == leg)
 
     # -- each period ----------------------------------------------------------------------------------------------
@@ -279,12 +276,12 @@ class TrunkController:
         force, moment = self._springs(com, mass, m.angular_velocity)
         force[2] += mass * GRAVITY
         torque = state.bias
-        if self.swinging.any:
+        if self.swinging.legs:
             trunk = (self.odometry.position, self.velocity, rotation)
-            swing = self.swinging.update(m, state, self.legs.motion_at(m), trunk, self.normal, dt)
-            torque = np.where(self.stance[:, None], torque, swing.torque)
-            force += rotation.dot(swing.wrench[:3])
-            moment += rotation.dot(swing.wrench[3:] - cross(com, swing.wrench[:3]))
+            air, wrench = self.swinging.update(m, state, self.legs.motion_at(m), trunk, self.normal, dt)
+            torque = np.where(self.stance[:, None], torque, air)
+            force += rotation.dot(wrench[:3])
+            moment += rotation.dot(wrench[3:] - cross(com, wrench[:3]))
         demanded = force + moment
         if not isfinite(demanded.dot(demanded)):
             raise ControlError(f"no torques at {self.time:.6f} s: a value that was measured is not finite")

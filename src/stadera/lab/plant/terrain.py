@@ -24,7 +24,6 @@ class Stones:
     length: tuple[float, float] = (1.5, 6.0)
     width: float = 3.0  # [m], across, half of it on either side
     level: float = 0.7  # [m], half edge of the square around the origin in which stones are in the plane
-    missing: float = 0.0  # share of missing stones outside that square
 
     def __post_init__(self) -> None:
         sizes = (self.size, *self.length, self.width)
@@ -32,8 +31,6 @@ class Stones:
             raise ModelError(f"stepping stones need positive sizes, got {self.size}, {self.length}, {self.width} m")
         if not (np.isfinite([self.height, self.level]).all() and min(self.height, self.level) >= 0):
             raise ModelError(f"stepping stones need heights that are not negative, got {self.height}, {self.level} m")
-        if not 0.0 <= self.missing < 1.0:
-            raise ModelError(f"the share of missing stones must be at least 0 and less than 1, got {self.missing}")
         if self.seed < 0:
             raise ModelError(f"stepping stones need a seed of at least 0, got {self.seed}")
 
@@ -44,15 +41,14 @@ class Stones:
         return behind, ahead, int(np.ceil(0.5 * self.width / self.size - 0.5))
 
     def heights(self) -> Array:
-        """Heights of the tops above the plane [m], (along, across); NaN for missing stones."""
+        """Heights of the tops above the plane [m], (along, across)."""
         behind, ahead, side = self.counts
         shape = (behind + ahead + 1, 2 * side + 1)
         rng = np.random.default_rng(self.seed)
         heights = rng.uniform(-self.height, self.height, shape)
-        gone = rng.uniform(size=shape) < self.missing
         along, across = self.size * np.arange(-behind, ahead + 1), self.size * np.arange(-side, side + 1)
         near = np.maximum(np.abs(along)[:, None], np.abs(across)[None, :]) <= self.level + 0.5 * self.size
-        return np.where(near, 0.0, np.where(gone, np.nan, heights))
+        return np.where(near, 0.0, heights)
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,6 @@ from stadera.lab.plant.payload import DroppedBox, Tray
 from stadera.lab.plant.terrain import Terrain
 from stadera.robot.imu import ImuMount
 from stadera.robot.model import Leg, Robot
-from stadera.types import Array
 
 GROUND, TRAY, IMU, FRAME = "ground", "tray", "imu_site", "frame"
 """Names in the compiled model; geoms of the ground begin with the first, those that should not touch it with the
@@ -65,24 +64,6 @@ def foot_geom(leg: Leg) -> str:
 def box_body(index: int) -> str:
     """Name of a dropped box's body in the compiled model."""
     return f"box {index}"
-
-
-class FootKinematics:
-    """Positions of the feet from a robot's own kinematics; fast for single samples."""
-
-    def __init__(self, robot: Robot) -> None:
-        spec = build_spec(robot, robot.tree, ModelOptions())
-        for leg in robot.legs:
-            spec.body(leg.links[2]).add_site(name=foot_geom(leg), pos=leg.foot_position)
-        self._model = spec.compile()
-        self._data = mujoco.MjData(self._model)
-        self._feet = [self._model.site(foot_geom(leg)).id for leg in robot.legs]  # the compiler sorts them by body
-
-    def positions(self, joint_position: Array) -> Array:
-        """Centres of the feet in the trunk frame [m], (4, 3), at joint positions (n,) [rad]."""
-        self._data.qpos[:] = joint_position
-        mujoco.mj_kinematics(self._model, self._data)
-        return np.array(self._data.site_xpos[self._feet])
 
 
 def build_world(robot: Robot, terrain: Terrain, timestep: float, boxes: Sequence[DroppedBox] = ()) -> mujoco.MjModel:
@@ -146,15 +127,14 @@ def _add_ground(spec: mujoco.MjSpec, terrain: Terrain) -> None:
     stones, half = terrain.stones, 0.5 * terrain.stones.size
     behind, _, side = stones.counts
     for (i, j), height in np.ndenumerate(stones.heights()):
-        if np.isfinite(height):
-            centre = (stones.size * (i - behind), stones.size * (j - side), height - 0.5 * CONTACT.thickness)
-            spec.worldbody.add_geom(
-                name=f"{GROUND} {i} {j}",
-                type=mujoco.mjtGeom.mjGEOM_BOX,
-                pos=terrain.rotation @ centre,
-                size=(half, half, 0.5 * CONTACT.thickness),
-                **common,
-            )
+        centre = (stones.size * (i - behind), stones.size * (j - side), height - 0.5 * CONTACT.thickness)
+        spec.worldbody.add_geom(
+            name=f"{GROUND} {i} {j}",
+            type=mujoco.mjtGeom.mjGEOM_BOX,
+            pos=terrain.rotation @ centre,
+            size=(half, half, 0.5 * CONTACT.thickness),
+            **common,
+        )
 
 
 def _add_frame(spec: mujoco.MjSpec, robot: Robot, terrain: Terrain) -> None:

@@ -6,11 +6,10 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from types import MappingProxyType
-from typing import TypeVar
 
 import numpy as np
 
-from stadera.errors import StaderaError, UnknownNameError
+from stadera.errors import UnknownNameError
 from stadera.lab.control import Crawl
 from stadera.lab.control.reference import Shake, TrunkPose
 from stadera.lab.control.stand import Controller, TestBed
@@ -96,11 +95,11 @@ def _poses(robot: Robot, settings: SimulateSettings, duration: float) -> Sequenc
 
     def move(bed: TestBed, shift: np.ndarray, turn: np.ndarray) -> None:
         start = nominal[0]
-        trunk_controller_of(bed).move(start.moved(start.rotation @ shift, turn), DEFAULTS.moving * each)
+        bed.trunk_controller.move(start.moved(start.rotation @ shift, turn), DEFAULTS.moving * each)
 
     return [
         *_stand(robot, settings, duration),
-        ScriptEvent(0.5 * each, lambda bed: nominal.append(trunk_controller_of(bed).reference)),
+        ScriptEvent(0.5 * each, lambda bed: nominal.append(bed.trunk_controller.reference)),
         *(ScriptEvent(k * each, partial(move, shift=p.shift, turn=p.turn)) for k, p in enumerate(poses) if k),
     ]
 
@@ -117,16 +116,18 @@ def _motion(start: Callable[[TestBed, SimulateSettings], None], own: bool = Fals
 
 def _trot(bed: TestBed, settings: SimulateSettings) -> None:
     speed = DEFAULTS.trot if settings.speed is None else settings.speed
-    _gait(bed, Trot).walk((speed, 0.0), settings.turn)
+    assert isinstance(bed.controller, Trot)
+    bed.controller.walk((speed, 0.0), settings.turn)
 
 
 def _shake(bed: TestBed, settings: SimulateSettings) -> None:
-    controller = trunk_controller_of(bed)
+    controller = bed.trunk_controller
     controller.follow(Shake.of(controller.robot, controller.reference, controller.time, settings.amplitude))
 
 
 def _crawl(bed: TestBed, settings: SimulateSettings) -> None:
-    crawl = _gait(bed, Crawl)
+    crawl = bed.controller
+    assert isinstance(crawl, Crawl)
     over = 2.0 * settings.stones + DEFAULTS.over_stones if settings.stones else 0.0
     crawl.settings = replace(crawl.settings, clearance=max(crawl.settings.clearance, over))
     crawl.command = CrawlCommand(DEFAULTS.crawl if settings.speed is None else settings.speed, settings.turn)
@@ -140,26 +141,6 @@ def _loading(robot: Robot, settings: SimulateSettings, time: float, own: bool = 
     payload = (settings.load or Load(round(DEFAULTS.load * robot.mass, 2))).payload(robot)
     when = time if settings.load_time is None else settings.load_time
     return [ScriptEvent(when, lambda bed: bed.plant.apply_payload(payload))]
-
-
-def trunk_controller_of(bed: TestBed) -> TrunkController:
-    """The trunk controller of a test-bed's controller."""
-    controller = bed.controller
-    if isinstance(controller, TrunkController):
-        return controller
-    inner = getattr(controller, "controller", None)
-    if not isinstance(inner, TrunkController):
-        raise StaderaError(f"a {type(controller).__name__} has no trunk controller")
-    return inner
-
-
-_Gait = TypeVar("_Gait", Trot, Crawl)
-
-
-def _gait(bed: TestBed, kind: type[_Gait]) -> _Gait:
-    if not isinstance(bed.controller, kind):
-        raise StaderaError(f"the test-bed's controller is a {type(bed.controller).__name__}, not a {kind.__name__}")
-    return bed.controller
 
 
 _LATER, _OWN = "with --load after 40 % of the time", "a load (10 % of its mass) is added after 40 % of the time"

@@ -21,7 +21,7 @@ from stadera.lab.plant import (
     truth_of,
 )
 from stadera.lab.reality import Drawn, TrueMotion, drawn, measured_log, with_usual_drives
-from stadera.lab.scenarios.catalog import Scenario, ScriptEvent, scenario_named, trunk_controller_of
+from stadera.lab.scenarios.catalog import Scenario, ScriptEvent, scenario_named
 from stadera.lab.scenarios.settings import SimulateSettings
 from stadera.logs import Recording, read, write_table
 from stadera.robot.model import Robot
@@ -90,7 +90,7 @@ def simulate(
         errors=settings.errors,
         seed=settings.seed,
         slope=made.terrain.slope,
-        stiffness=tuple(float(k) for k in trunk_controller_of(bed).gains.angular_stiffness),
+        stiffness=tuple(float(k) for k in bed.trunk_controller.gains.angular_stiffness),
         moments=moments,
         drawn=made.draw.to_dict() if made.draw else None,
     )
