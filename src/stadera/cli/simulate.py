@@ -28,7 +28,8 @@ def simulate(
     errors: Annotated[
         str,
         option(
-            "ideal|standard|harsh|real|real-unit-gain", "Kind of sensor errors; real: also of the robot and the ground."
+            "ideal|standard|harsh|real|real-unit-gain|real-varying",
+            "Kind of sensor errors; real: also of the robot and the ground.",
         ),
     ] = "standard",
     load: Annotated[str | None, option("5kg|50N", "A mass on the trunk, or the paper's virtual force.")] = None,

@@ -10,10 +10,12 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from stadera.lab.plant import Plant
+from stadera.lab.plant.friction import VaryingFriction
 from stadera.lab.plant.state import TrueState
 from stadera.lab.reality import REAL_SETS, Drawn, RealSizes, TrueMotion, drawn, measured_log
 from stadera.lab.scenarios.run import Run, simulate
 from stadera.lab.scenarios.settings import SimulateSettings
+from stadera.lab.sensors import effort_limits
 from stadera.robot import load_robot
 from stadera.robot.imu import ImuMount
 from stadera.robot.model import Frame, Robot
@@ -132,6 +134,50 @@ def test_samples_are_lost_and_wild() -> None:
     assert clean.velocity is not None
     wild = (log.velocity != clean.velocity[kept]).sum()
     assert 2 <= wild <= 20
+
+
+def test_what_varies_is_drawn_beside_all_else_and_is_in_the_log() -> None:
+    real, varying = (drawn(GO2, REAL_SETS[name], 5) for name in ("real", "real-varying"))
+    one, other = real.to_dict(), varying.to_dict()
+    assert "varying" not in one
+    assert one == {name: value for name, value in other.items() if name != "varying"}
+    v = varying.varying
+    assert v is not None
+    assert 80.0 <= v.lowpass <= 260.0
+    assert 0.0 <= v.jitter <= 0.002
+    assert (np.abs(v.drift) <= 0.003 * effort_limits(GO2)).all()
+    draw = replace(varying, noise=0.0, quantum=None, lost=0.0, spikes=0.0)
+    motion = TrueMotion.of(thrown(GO2, 400)[0], GO2)
+    plain = measured_log(motion, GO2, replace(draw, varying=None), 0, 1000.0)
+    log = measured_log(motion, GO2, replace(draw, varying=replace(v, held={"joints": 4}, jitter=0.002)), 0, 1000.0)
+    assert log.effort is not None
+    assert plain.effort is not None
+    np.testing.assert_array_equal(log.position, plain.position[np.arange(400) // 4 * 4])
+    np.testing.assert_allclose(log.effort[-1] - plain.effort[396], v.drift, rtol=0.01)
+    assert (np.diff(log.time) > 0.0).all()
+    assert 3e-4 < np.std(log.time - plain.time) < 1e-3
+    assert log.imu is not None
+    assert plain.imu is not None
+    np.testing.assert_array_equal(log.imu.angular_velocity, plain.imu.angular_velocity)
+    spectra = [np.abs(np.fft.rfft(one.imu.linear_acceleration[:, 0])) for one in (plain, log)]  # type: ignore[union-attr]
+    frequency = np.fft.rfftfreq(400, 1e-3)
+    assert spectra[1][frequency > 400].mean() < 0.5 * spectra[0][frequency > 400].mean()
+
+
+def test_friction_follows_position_and_load() -> None:
+    law = VaryingFriction(np.ones(2), np.zeros(2), np.ones(2), np.array([[0.0, 0.3, -0.1]] * 2), np.array([0.0, 0.1]))
+    np.testing.assert_allclose(law.at(np.array([0.25, 0.75]), np.array([9.0, -9.0])), [1.15, 2.0])
+    np.testing.assert_allclose(law.at(np.array([-1.0, 2.0]), np.zeros(2)), [1.0, 0.9])
+    plant = Plant(GO2, friction=replace(law, **_wide(12)))
+    plant.reset(standing_configuration(GO2))
+    plant.step(np.full(12, 5.0))
+    plant.step(np.full(12, 5.0))
+    np.testing.assert_allclose(plant._model.dof_frictionloss[6:], 0.7 + 0.5)
+
+
+def _wide(n: int) -> dict[str, np.ndarray]:
+    one = np.ones(n)
+    return {"coulomb": one, "low": -9.0 * one, "high": 9.0 * one, "variation": np.full((n, 3), -0.3), "load": 0.1 * one}
 
 
 def test_the_truth_is_in_the_truth_file_only() -> None:

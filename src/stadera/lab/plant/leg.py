@@ -10,6 +10,7 @@ import numpy as np
 from stadera.constants import SAME
 from stadera.errors import ModelError
 from stadera.excite.sinusoids import Reference
+from stadera.lab.plant.friction import VaryingFriction
 from stadera.lab.plant.model import ModelOptions, build_model, joint_offsets, mass_matrix, workspace
 from stadera.logs import Recording
 from stadera.robot.model import Robot, Tree
@@ -57,7 +58,13 @@ class Gains:
 
 
 def simulate_leg(
-    robot: Robot, leg: str, trajectory: Reference, *, gains: Gains | None = None, feedforward: Array | None = None
+    robot: Robot,
+    leg: str,
+    trajectory: Reference,
+    *,
+    gains: Gains | None = None,
+    feedforward: Array | None = None,
+    friction: VaryingFriction | None = None,
 ) -> Recording:
     """Simulates one leg tracking a reference, on which it starts, the trunk held level and the other legs at rest.
 
@@ -70,7 +77,8 @@ def simulate_leg(
 
     where friction is coulomb sign(q̇) while a joint slides, and the static friction (below coulomb) while it sticks.
     The robot may be physically impossible (see `stadera.lab.plant.model`); `gains` are `Gains.scaled` by default;
-    `feedforward` (samples, 3) [N·m] is added to the tracking torque.
+    `feedforward` (samples, 3) [N·m] is added to the tracking torque; `friction` is in place of the leg's Coulomb
+    friction.
     """
     tree = robot.leg_tree(leg)
     gains = gains or Gains.scaled(robot, leg)
@@ -84,7 +92,7 @@ def simulate_leg(
     data = mujoco.MjData(model)
     data.qpos[:], data.qvel[:] = trajectory.position[0], trajectory.velocity[0]
     data.qfrc_applied[:] = -joint_offsets(robot, tree)
-    samples = _run(model, data, drive, interval, substeps)
+    samples = _run(model, data, drive, interval, substeps, friction)
     if not np.isfinite(samples).all():
         at = trajectory.time[int(np.argmax(~np.isfinite(samples).all(axis=(1, 2))))]
         raise ModelError(f"robot {robot.name}, leg {leg}: the simulated motion ran away at {at:.3f} s; lower the gains")
@@ -130,7 +138,14 @@ def _tracking_model(robot: Robot, tree: Tree, gains: Gains, timestep: float) -> 
     return model
 
 
-def _run(model: mujoco.MjModel, data: mujoco.MjData, drive: Array, interval: float, substeps: int) -> Array:
+def _run(
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    drive: Array,
+    interval: float,
+    substeps: int,
+    friction: VaryingFriction | None,
+) -> Array:
     """Position, velocity, acceleration and motor torque at each sample of the drive, (samples, 4, 3)."""
     rates = np.diff(drive, axis=0, append=drive[-1:]) / interval
     samples = np.empty((len(drive), 4, 3))
@@ -139,6 +154,8 @@ def _run(model: mujoco.MjModel, data: mujoco.MjData, drive: Array, interval: flo
     act, ctrl, force = data.act, data.ctrl, data.actuator_force
     for k in range(len(drive)):
         act[:], ctrl[:] = drive[k], rates[k]
+        if friction is not None:
+            model.dof_frictionloss[:] = friction.at(qpos, force)
         forward(model, data)
         sample = samples[k]
         sample[0], sample[1], sample[2], sample[3] = qpos, qvel, qacc, force

@@ -22,6 +22,7 @@ from numpy.typing import ArrayLike
 
 from stadera.errors import StaderaError
 from stadera.inertia import InertialParameters
+from stadera.lab.plant.friction import VaryingFriction
 from stadera.lab.plant.model import joint_offsets, quaternion_wxyz, set_body_inertia
 from stadera.lab.plant.payload import DroppedBox, OutsideForce, Payload, RigidMass, Tray, VirtualForce
 from stadera.lab.plant.state import Contacts, TrueState
@@ -40,10 +41,18 @@ class SimulationError(StaderaError):
 
 
 class Plant:
-    """A simulated quadruped with true parameters. Deterministic; `timestep` [s] is also the control's."""
+    """A simulated quadruped with true parameters. Deterministic; `timestep` [s] is also the control's; `friction` is in
+    place of the robot's Coulomb friction.
+    """
 
-    def __init__(self, robot: Robot, terrain: Terrain | None = None, timestep: float = 1e-3) -> None:
-        self.robot = robot
+    def __init__(
+        self,
+        robot: Robot,
+        terrain: Terrain | None = None,
+        timestep: float = 1e-3,
+        friction: VaryingFriction | None = None,
+    ) -> None:
+        self.robot, self._friction = robot, friction
         self.terrain = terrain or Terrain()
         self.timestep = timestep
         self._payloads: tuple[Payload, ...] = ()
@@ -78,6 +87,8 @@ class Plant:
         """Applies joint torques (n,) [N·m], saturated at the effort limits, for one timestep."""
         model, data = self._model, self._data
         self._control[:] = self._checked(torque, "joint torques")
+        if self._friction is not None:
+            model.dof_frictionloss[self._v] = self._friction.at(self._joint_position, self._effort)
         mujoco.mj_forwardSkip(model, data, mujoco.mjtStage.mjSTAGE_VEL, True)
         mujoco.mj_Euler(model, data)
         self._steps += 1

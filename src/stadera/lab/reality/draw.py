@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from stadera.inertia import InertialParameters
+from stadera.lab.plant.friction import VaryingFriction
 from stadera.lab.plant.terrain import Stones, Terrain
 from stadera.lab.plant.world import CONTACT, foot_radius
 from stadera.lab.sensor_errors import STANDARD
@@ -18,6 +19,25 @@ from stadera.robot.model import JointDynamics, Leg, Robot
 from stadera.types import Array
 
 Range = tuple[float, float]
+
+_KINDS = 3  # of joints in a leg
+
+
+@dataclass(frozen=True)
+class VaryingSizes:
+    """Sizes of what varies over a log: friction with the joints' position and load, torque offsets, the IMU's response,
+    and times. Found on real robots; the laws are others than those of the estimators.
+    """
+
+    by_position: float = 0.3  # largest relative variation of Coulomb friction over a joint's range
+    knots: int = 7  # in that range, between which friction is linear in the position
+    by_load: Range = (0.0, 0.1)  # friction as a share of the torque carried, by kind of joint, uniform
+    drift: float = 0.003  # largest drift of a torque offset over a log, as a share of the effort limit
+    warming: float = 3.0  # time constants of the drift in a log
+    lowpass: Range = (80.0, 260.0)  # corner of the accelerometer's low-pass [Hz], uniform
+    held: float = 0.2  # share of runs in which joints or IMU are held between updates of their own rate
+    updates: tuple[int, ...] = (2, 3, 4, 5)  # samples of the log for which they are
+    jitter: float = 0.002  # largest delay of a stamp [s]
 
 
 @dataclass(frozen=True)
@@ -62,17 +82,63 @@ class RealSizes:
     friction: Range = (0.45, 0.9)
     lost: Range = (0.0, 0.005)  # share of samples lost, uniform
     spikes: Range = (0.0, 0.5)  # outliers per second, uniform
+    varying: VaryingSizes | None = None  # what varies over a log; None for nothing
 
 
 REAL_SETS: Mapping[str, RealSizes] = MappingProxyType(
-    {"real": RealSizes(), "real-unit-gain": replace(RealSizes(), common_gain=0.0)}
+    {
+        "real": RealSizes(),
+        "real-unit-gain": replace(RealSizes(), common_gain=0.0),
+        "real-varying": replace(RealSizes(), varying=VaryingSizes()),
+    }
 )
 """By name: realistic errors, and the same with a mean gain of all torques of one, which weight cannot show. Gains of
-`real` are not normalised: their mean is the common gain times the mean of the joints' own.
+`real` are not normalised: their mean is the common gain times the mean of the joints' own. `real-varying` has also what
+varies over a log; all else is drawn as in `real`.
 """
 
 
-_KINDS = 3  # of joints in a leg
+@dataclass(frozen=True, eq=False)
+class DrawnVarying:
+    """True values of what varies over a run, see `VaryingSizes`."""
+
+    friction: VaryingFriction
+    drift: Array  # (n,) [N·m], of the torque offsets from the beginning of the log to its end
+    warming: float  # time constants of the drift in the log
+    lowpass: float  # [Hz]
+    held: dict[str, int]  # samples of the log for which "joints" and "imu" are held
+    jitter: float  # [s]
+
+    @classmethod
+    def of(cls, robot: Robot, true: Robot, sizes: VaryingSizes, seed: int) -> DrawnVarying:
+        """Drawn by a generator of its own; `true` has the drawn Coulomb friction."""
+        rng, joints = np.random.default_rng(np.random.SeedSequence(seed).spawn(5)[4]), robot.tree.joints
+        ranges = [(max(robot.limits[j].lower, -np.pi), min(robot.limits[j].upper, np.pi)) for j in joints]
+        variation = rng.uniform(-1.0, 1.0, (len(joints), sizes.knots))
+        kind = {joint: k for leg in robot.legs for k, joint in enumerate(leg.joints)}
+        load = rng.uniform(*sizes.by_load, _KINDS)
+        friction = VaryingFriction(
+            coulomb=np.array([true.dynamics[joint].coulomb for joint in joints]),
+            low=np.array([low for low, _ in ranges]),
+            high=np.array([high for _, high in ranges]),
+            variation=sizes.by_position * variation / np.abs(variation).max(axis=1, keepdims=True),
+            load=load[[kind[joint] for joint in joints]],
+        )
+        drift = sizes.drift * effort_limits(robot) * rng.uniform(-1.0, 1.0, len(joints))
+        lowpass, jitter = float(rng.uniform(*sizes.lowpass)), float(rng.uniform(0.0, sizes.jitter))
+        held, which = rng.uniform() < sizes.held, str(rng.choice(["joints", "imu"]))
+        samples = int(rng.choice(sizes.updates))
+        return cls(friction, drift, sizes.warming, lowpass, {which: samples} if held else {}, jitter)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values, joints in the tree's order."""
+        return {
+            "friction": {name: value.tolist() for name, value in vars(self.friction).items()},
+            "drift": self.drift.tolist(),
+            "lowpass": self.lowpass,
+            "held": self.held,
+            "jitter": self.jitter,
+        }
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,13 +163,18 @@ class Drawn:
     terrain: Terrain  # the ground
     lost: float  # share of samples
     spikes: float  # per second
+    varying: DrawnVarying | None = None  # what varies over the run
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values, SI units; joints by name, links with their true ten parameters."""
         joints = self.robot.tree.joints
         by_joint = {"torque_gain": self.torque_gain, "torque_offset": self.torque_offset}
         by_joint["encoder_zero"] = self.encoder_zero
-        rest = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in ("robot", "terrain", *by_joint)}
+        rest = {
+            f.name: getattr(self, f.name)
+            for f in fields(self)
+            if f.name not in ("robot", "terrain", "varying", *by_joint)
+        }
         t = self.terrain
         return {
             **{name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in rest.items()},
@@ -120,6 +191,7 @@ class Drawn:
                 "softness": t.softness,
                 "roughness": t.stones.height if t.stones else 0.0,
             },
+            **({"varying": self.varying.to_dict()} if self.varying else {}),
         }
 
 
@@ -133,9 +205,9 @@ def drawn(robot: Robot, sizes: RealSizes, seed: int) -> Drawn:
     gain *= common if sizes.common_gain else 1.0 / gain.mean()
     quantised = bool(sensors.uniform() < sizes.quantised)
     quantum = 2.0 * np.pi / 2.0 ** int(sensors.choice(sizes.bits))
-    scaled = STANDARD.times(noise)
+    scaled, true = STANDARD.times(noise), _true_robot(robot, sizes, limit, body)
     return Drawn(
-        robot=_true_robot(robot, sizes, limit, body),
+        robot=true,
         noise=noise,
         torque_gain=gain,
         torque_offset=scaled.torque_constant * limit * sensors.standard_normal(n),
@@ -153,6 +225,7 @@ def drawn(robot: Robot, sizes: RealSizes, seed: int) -> Drawn:
         terrain=_ground(sizes, ground),
         lost=float(sensors.uniform(*sizes.lost)),
         spikes=float(sensors.uniform(*sizes.spikes)),
+        varying=DrawnVarying.of(robot, true, sizes.varying, seed) if sizes.varying else None,
     )
 
 

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
+from scipy.signal import butter, lfilter, lfilter_zi
 from scipy.spatial.transform import Rotation
 
 from stadera.constants import GRAVITY
 from stadera.lab.plant.state import TrueState
-from stadera.lab.reality.draw import Drawn
+from stadera.lab.reality.draw import Drawn, DrawnVarying
 from stadera.lab.sensor_errors import STANDARD
 from stadera.lab.sensors import effort_limits
 from stadera.logs import Imu, Recording
@@ -63,9 +64,6 @@ class TrueMotion:
         position = recording.position
         return cls(recording.joints, recording.time, position, velocity, effort, level, still, still, still)
 
-    def __getitem__(self, which: slice) -> TrueMotion:
-        return TrueMotion(self.joints, *(getattr(self, f.name)[which] for f in fields(self)[1:]))
-
 
 def measured_log(
     motion: TrueMotion, robot: Robot, draw: Drawn, seed: int, rate: float | None = None, source: str = ""
@@ -74,8 +72,8 @@ def measured_log(
 
     Torques are delayed, then scaled and offset; the IMU is misaligned and displaced; positions get their zero errors.
     All channels are sampled at `rate` (1000 Hz over an integer; None for the drawn one), get white noise, and are
-    quantised if the draw includes this; then single outliers are added, and samples removed. `robot` is the model
-    file's.
+    quantised if the draw includes this; then what varies over the log is applied, single outliers are added, and
+    samples removed. `robot` is the model file's.
     """
     rng = np.random.default_rng(np.random.SeedSequence(seed).spawn(4)[3])
     time, columns = motion.time, [robot.tree.joints.index(joint) for joint in motion.joints]
@@ -90,16 +88,26 @@ def measured_log(
         position, velocity = _encoded(encoder, draw, period, noise.position, rng, kept)
     effort = _late(motion.effort, time, draw.delay)[kept] * draw.torque_gain[columns]
     effort += draw.torque_offset[columns] + noise.torque * limit * rng.standard_normal(shape)
-    imu = _imu(motion[kept], robot, draw)
+    imu = _imu(motion, robot, draw, kept)
     gyro = imu.angular_velocity + draw.gyro_offset + noise.gyro * rng.standard_normal((shape[0], 3))
     force = imu.linear_acceleration + draw.accelerometer_offset
     force = force + noise.accelerometer * rng.standard_normal((shape[0], 3))
+    stamps = time[kept]
+    if draw.varying is not None:
+        effort += _drift(stamps, draw.varying)[:, columns]
+        for group, channels in {"joints": (position, velocity, effort), "imu": (gyro, force)}.items():
+            held = np.arange(len(stamps)) // draw.varying.held.get(group, 1) * draw.varying.held.get(group, 1)
+            for values in channels:
+                values[:] = values[held]
+        # delays of its own generator, so that all other draws stay; what arrives late does not overtake
+        late = np.random.default_rng(np.random.SeedSequence(seed).spawn(6)[5])
+        stamps = np.sort(stamps + late.uniform(0.0, draw.varying.jitter, len(stamps)))
     _spoil((position, velocity, effort, gyro, force), limit, rng.poisson(draw.spikes * (time[-1] - time[0])), rng)
     there = np.asarray(rng.uniform(size=shape[0]) >= draw.lost)
     there[:1] = True
     orientation = imu.orientation
     return Recording(
-        time=time[kept][there],
+        time=stamps[there],
         joints=motion.joints,
         position=position[there],
         velocity=velocity[there],
@@ -144,8 +152,15 @@ def _encoded(
     return encoded[kept], ((encoded - before) / (steps * period))[kept]
 
 
-def _imu(motion: TrueMotion, robot: Robot, draw: Drawn) -> Imu:
-    """Values of an IMU off its nominal pose, without noise.
+def _drift(time: Array, varying: DrawnVarying) -> Array:
+    """Drift of the torque offsets (samples, n) [N·m] since the beginning: drives that warm up."""
+    passed = (time - time[0]) / (time[-1] - time[0])
+    grown = np.expm1(-varying.warming * passed) / np.expm1(-varying.warming)
+    return np.asarray(grown[:, None] * varying.drift)
+
+
+def _imu(motion: TrueMotion, robot: Robot, draw: Drawn, kept: slice) -> Imu:
+    """Values of an IMU off its nominal pose at the kept samples, without noise; its accelerometer may be low-passed.
 
     The point r of the trunk, in trunk axes, has the specific force Rᵀ (a - g) + α x r + ω x (ω x r).
     """
@@ -157,4 +172,9 @@ def _imu(motion: TrueMotion, robot: Robot, draw: Drawn) -> Imu:
     force += np.cross(motion.angular_acceleration, place) + np.cross(omega, np.cross(omega, place))
     orientation = trunk * to_trunk * Rotation.from_rotvec(draw.orientation_offset)
     inverse = to_trunk.inv()
-    return Imu(inverse.apply(omega), inverse.apply(force), orientation.as_quat(), mount.name)
+    gyro, force = inverse.apply(omega), inverse.apply(force)
+    if draw.varying is not None:
+        rate = (len(motion.time) - 1) / (motion.time[-1] - motion.time[0])
+        b, a = butter(2, draw.varying.lowpass, fs=rate)
+        force, _ = lfilter(b, a, force, axis=0, zi=lfilter_zi(b, a)[:, None] * force[:1])
+    return Imu(gyro[kept], force[kept], orientation.as_quat()[kept], mount.name)

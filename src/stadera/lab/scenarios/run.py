@@ -73,7 +73,8 @@ def simulate(
     settings, scenario = settings or SimulateSettings(), scenario_named(name)
     duration = settings.duration or scenario.duration
     made = _drawn(robot, scenario, settings) if settings.real_sizes else _sized(robot, scenario, settings)
-    plant = Plant(made.real, made.terrain, PERIOD)
+    friction = made.draw.varying.friction if made.draw and made.draw.varying else None
+    plant = Plant(made.real, made.terrain, PERIOD, friction)
     plant.reset(standing_configuration(robot))
     if settings.outside is not None:
         plant.pull(settings.outside)

@@ -16,6 +16,7 @@ from stadera.excite.bounds import LegBounds
 from stadera.excite.paper_draw import fitting_factor, paper_draw
 from stadera.excite.sinusoids import Sinusoids
 from stadera.lab.plant import Gains, measured, plant_model, simulate_leg
+from stadera.lab.plant.friction import VaryingFriction
 from stadera.lab.reality import TrueMotion, drawn, measured_log
 from stadera.lab.scenarios.catalog import DEFAULTS, SWING
 from stadera.lab.scenarios.run import PERIOD, Run
@@ -37,7 +38,8 @@ def swing(
     settings = settings or SimulateSettings()
     draw = drawn(robot, settings.real_sizes, settings.seed) if settings.real_sizes else None
     real = draw.robot if draw else plant_model(robot, settings.sensor_errors)
-    swings = _swings(robot, real, leg, settings, progress or (lambda *_: None))
+    friction = draw.varying.friction if draw and draw.varying else None
+    swings = _swings(robot, real, leg, settings, progress or (lambda *_: None), friction)
     every = round(1.0 / (settings.rate or draw.rate) / PERIOD) if draw else settings.every
     exact, trunk = _merged(swings, every), real.inertias[real.trunk]
     truth = Truth(
@@ -56,7 +58,14 @@ def swing(
     return Run(measured_log(motion, robot, draw, settings.seed, settings.rate, source), truth, exact, robot)
 
 
-def _swings(robot: Robot, real: Robot, leg: str, settings: SimulateSettings, progress: Progress) -> list[Recording]:
+def _swings(
+    robot: Robot,
+    real: Robot,
+    leg: str,
+    settings: SimulateSettings,
+    progress: Progress,
+    friction: VaryingFriction | None,
+) -> list[Recording]:
     """Exact recordings of the legs, one sample per millisecond."""
     every = [one.name for one in robot.legs]
     names = every if leg.lower() == ALL else [robot.leg(leg).name]
@@ -65,7 +74,9 @@ def _swings(robot: Robot, real: Robot, leg: str, settings: SimulateSettings, pro
         progress("swinging", k, len(names))
         rng = np.random.default_rng((settings.seed, every.index(name)))
         motion = _brisk(robot, name, rng, settings.duration or DEFAULTS.swing).sample(1.0 / PERIOD)
-        swings.append(simulate_leg(real, name, motion, gains=Gains.scaled(robot, name)))
+        own = [robot.tree.joints.index(joint) for joint in robot.leg(name).joints]
+        held = friction.of(own) if friction else None
+        swings.append(simulate_leg(real, name, motion, gains=Gains.scaled(robot, name), friction=held))
     return swings
 
 
