@@ -7,7 +7,7 @@ from difflib import get_close_matches
 
 from stadera.errors import RecordingError, UnknownNameError, listed
 from stadera.joint_words import matched, places
-from stadera.logs.foreign.translate import Translation, hint, translated
+from stadera.logs.foreign.translate import hint, translated
 from stadera.logs.topics import AS_RECORDED, DESIRED, PdGains, Reading, Topics
 
 TIME = "time"
@@ -22,7 +22,6 @@ HALF_IMU = "left out the IMU: no column"
 IMU_FRAME = "imu.frame"
 """Key of the IMU frame's name in a Parquet table's metadata."""
 _LEG_JOINTS = 3
-REQUIRABLE: tuple[str, ...] = (*CHANNELS, "imu")
 
 
 @dataclass(frozen=True)
@@ -83,94 +82,41 @@ def layout(
     Raises:
         RecordingError: a column is duplicate, missing or misspelled; names it and the closest ones.
     """
-    if other := next((item for item in require if item not in REQUIRABLE), None):
-        raise UnknownNameError("channel", other, REQUIRABLE)
+    if other := next((item for item in require if item not in (*CHANNELS, "imu")), None):
+        raise UnknownNameError("channel", other, (*CHANNELS, "imu"))
     _check_header(names, source)
     table = translated(names, source, reading, topics or Topics(), (*(joints or ()), *reading.others))
     if topics is not None and not table.topics:
         topics.refuse(source, kind)
-    help_ = "" if table.recognised else hint(names, reading)
-    if TIME not in table.sources and table.rate_hz is None:
-        raise _missing(TIME, names, source, "not a flat table", help_)
-    found = _layout(names, source, joints, require, table, reading.pd, help_)
-    return found if joints is None else _with_others(found, names, reading.others, table)
-
-
-def _layout(
-    names: Sequence[str],
-    source: str,
-    joints: Sequence[str] | None,
-    require: Collection[str],
-    table: Translation,
-    pd: PdGains | None,
-    help_: str,
-) -> Layout:
-    """The layout of a header with translated columns."""
     renamed = _by_leg_and_part(table.sources, joints or ())
     sources = {_renamed(name, renamed): own for name, own in table.sources.items()}
-    known = dict.fromkeys(sources)
-    wanted, idle_notes = (tuple(joints), ()) if joints is not None else _all_joints(known, source, help_)
-    channels, notes = _channels(known, source, wanted, require, pd, help_)
-    imu, imu_notes = _imu(known, source, "imu" in require)
-    contact = {foot: f"{foot}.contact" for foot in _prefixes(known, ".contact")}
-    found = Layout(wanted, channels, imu, _forces(known), contact)
+    header = _Header(sources, source, "" if table.recognised else hint(names, reading))
+    if TIME not in sources and table.rate_hz is None:
+        raise header.missing(TIME, "not a flat table: ")
+    wanted, idle = (tuple(joints), ()) if joints is not None else header.joints()
+    channels, notes = header.channels(wanted, require, reading.pd)
+    imu, imu_notes = header.imu("imu" in require)
+    contact = {foot: f"{foot}.contact" for foot in header.owners(".contact")}
+    found = Layout(wanted, channels, imu, header.forces(), contact)
     by_name = tuple(f"joints found by leg and part, {old!r} as {new!r}" for old, new in list(renamed.items())[:1])
+    others: dict[str, tuple[str, ...]] = {}
+    other_joints: tuple[str, ...] = ()
+    if joints is not None:
+        other_joints = tuple(j for j in reading.others if j not in wanted and f"{j}.position" in table.sources)
+        columns = {channel: tuple(f"{joint}.{channel}" for joint in other_joints) for channel in CHANNELS[:2]}
+        others = {channel: names for channel, names in columns.items() if names and set(names) <= set(table.sources)}
+        sources |= {name: table.sources[name] for names in others.values() for name in names}
     return replace(
         found,
-        notes=(*table.notes, *by_name, *notes, *idle_notes, *_kept_out(names, found, sources), *imu_notes),
+        notes=(*table.notes, *by_name, *notes, *idle, *_kept_out(names, found, sources), *imu_notes),
         sources={name: own for name, own in sources.items() if own != name},
         factors={_renamed(name, renamed): factor for name, factor in table.factors.items()},
         stamped=table.stamped,
         rate_hz=None if TIME in sources else table.rate_hz,
-        pd=pd,
+        pd=reading.pd,
+        others=others,
+        other_joints=other_joints,
     )
-
-
-def _with_others(found: Layout, names: Sequence[str], others: Sequence[str], table: Translation) -> Layout:
-    """The layout with other joints' positions, and velocities if all of them have one."""
-    there = tuple(joint for joint in others if joint not in found.joints and f"{joint}.position" in table.sources)
-    if not there:
-        return found
-    channels = {channel: tuple(f"{joint}.{channel}" for joint in there) for channel in CHANNELS[:2]}
-    kept = {channel: columns for channel, columns in channels.items() if set(columns) <= set(table.sources)}
-    own = {name: table.sources[name] for columns in kept.values() for name in columns if table.sources[name] != name}
-    return replace(found, others=kept, other_joints=there, sources={**found.sources, **own})
-
-
-def _all_joints(names: Collection[str], source: str, help_: str) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """The joints of a log without the idle ones, and a note on these."""
-    joints = _joints_in(names, source, help_)
-    if not (idle := _idle(joints, names)):
-        return joints, ()
-    kept = tuple(joint for joint in joints if joint not in idle)
-    return kept, (f"left out joints of no leg that have no torque: {_listed(idle)}",)
-
-
-def _idle(joints: Sequence[str], names: Collection[str]) -> tuple[str, ...]:
-    """Joints of no leg without an effort, in a log that has those of four legs; an arm's, for example."""
-    lacking = tuple(joint for joint in joints if f"{joint}.effort" not in names)
-    return () if len(joints) - len(lacking) < 4 * _LEG_JOINTS or places(lacking) else lacking
-
-
-def _kept_out(names: Sequence[str], found: Layout, sources: Mapping[str, str]) -> tuple[str, ...]:
-    """A note on the log's columns that belong to no channel, except those of joints that were not requested."""
-    used = {sources[name] for name in found.columns if name in sources}
-    used.update(own for name, own in sources.items() if _is_joint_column(name))
-    unknown = [name for name in names if name not in used]
-    return (f"kept out unknown columns: {_listed(unknown)}",) if unknown else ()
-
-
-def _by_leg_and_part(names: Collection[str], joints: Sequence[str]) -> dict[str, str]:
-    """Maps joints of the log with other names to the requested ones: all those of one leg or more, or none."""
-    there = _prefixes(names, ".position")
-    if len(joints) < _LEG_JOINTS or set(joints) & set(there):
-        return {}
-    return {own: joint for joint, own in (matched(joints, there) or {}).items()}
-
-
-def _renamed(column: str, joints: Mapping[str, str]) -> str:
-    joint, _, channel = column.rpartition(".")
-    return f"{joints[joint]}.{channel}" if joint in joints else column
 
 
 def _check_header(names: Sequence[str], source: str) -> None:
@@ -184,88 +130,118 @@ def _check_header(names: Sequence[str], source: str) -> None:
         raise RecordingError(f"{source}: column {name!r} is there {times} times")
 
 
-def _joints_in(names: Collection[str], source: str, help_: str) -> tuple[str, ...]:
-    found = _prefixes(names, ".position")
-    unknown = [name for name in names if not _is_joint_column(name)]
-    for channel in CHANNELS[1:]:
-        for joint in _prefixes(names, f".{channel}"):
-            expected = f"{joint}.position"
-            if joint not in found and get_close_matches(expected, unknown, n=1, cutoff=0.85):
-                raise _missing(expected, names, source)
-    if not found:
-        raise _missing("<joint>.position", names, source, "not a flat table", help_)
-    return found
+def _by_leg_and_part(names: Collection[str], joints: Sequence[str]) -> dict[str, str]:
+    """Maps joints of the log with other names to the requested ones: all those of one leg or more, or none."""
+    there = _owners(names, ".position")
+    if len(joints) < _LEG_JOINTS or set(joints) & set(there):
+        return {}
+    return {own: joint for joint, own in (matched(joints, there) or {}).items()}
 
 
-def _channels(
-    names: Collection[str],
-    source: str,
-    joints: tuple[str, ...],
-    require: Collection[str],
-    pd: PdGains | None,
-    help_: str,
-) -> tuple[dict[str, tuple[str, ...]], tuple[str, ...]]:
-    """Columns of each channel. If only some joints have one, effort raises, and others are skipped with a note."""
-    needed, possible = {"position", *require}, CHANNELS
-    if pd is not None:
-        _require_no_effort(names, source, joints)
-        needed, possible = (needed | {DESIRED[0]}) - {"effort"}, (*CHANNELS, *DESIRED)
-    channels: dict[str, tuple[str, ...]] = {}
-    notes: tuple[str, ...] = ()
-    for channel in possible:
-        columns = tuple(f"{joint}.{channel}" for joint in joints)
-        absent = [column for column in columns if column not in names]
-        partial = 0 < len(absent) < len(columns)
-        if absent and (channel in needed or (channel == "effort" and partial)):
-            raise _missing(absent[0], names, source, help_=help_ or _no_effort(channel, names))
-        if not absent:
-            channels[channel] = columns
-        elif partial:
-            notes += (f"left out the joints' {channel}: no column {_listed(absent)}",)
-    return channels, notes
+def _renamed(column: str, joints: Mapping[str, str]) -> str:
+    joint, _, channel = column.rpartition(".")
+    return f"{joints[joint]}.{channel}" if joint in joints else column
 
 
-def _require_no_effort(names: Collection[str], source: str, joints: tuple[str, ...]) -> None:
-    if any(f"{joint}.effort" in names for joint in joints):
-        raise RecordingError(f"{source}: joint efforts are recorded: leave out --pd, which is for logs without")
+def _kept_out(names: Sequence[str], found: Layout, sources: Mapping[str, str]) -> tuple[str, ...]:
+    """A note on the log's columns that belong to no channel, except those of joints that were not requested."""
+    used = {sources[name] for name in found.columns if name in sources}
+    used.update(own for name, own in sources.items() if _is_joint_column(name))
+    unknown = [name for name in names if name not in used]
+    return (f"kept out unknown columns: {_listed(unknown)}",) if unknown else ()
 
 
-def _no_effort(channel: str, names: Collection[str]) -> str:
-    """Advice for a log without torques."""
-    if channel != "effort" or any(name.endswith(".effort") for name in names):
-        return ""
-    if any(name.endswith(f".{DESIRED[0]}") for name in names):
-        return "; --pd KP,KD makes efforts of the desired positions that are recorded"
-    return f"; no torque is recorded: record it, or <joint>.{DESIRED[0]} for --pd KP,KD"
+class _Header:
+    """A log's columns by their names in the flat table; errors name the log and end in advice, `hint`."""
+
+    def __init__(self, names: Iterable[str], source: str, hint: str) -> None:
+        self.names, self.source, self.hint = dict.fromkeys(names), source, hint
+
+    def owners(self, suffix: str) -> tuple[str, ...]:
+        """Joints or feet that have a column of this kind."""
+        return _owners(self.names, suffix)
+
+    def missing(self, column: str, what: str = "", hint: str = "") -> RecordingError:
+        """An error that names the closest columns."""
+        others = [name for name in self.names if not _is_joint_column(name)]
+        close = get_close_matches(column, others, n=3, cutoff=0.75)
+        joints = self.owners(".position")
+        meant = f"; did you mean {' or '.join(map(repr, close))}?" if close else ""
+        there = f"joints with a position: {_listed(joints)}" if joints else f"columns: {_listed(tuple(self.names))}"
+        return RecordingError(f"{self.source}: {what}no column {column!r}{meant} ({there}){self.hint or hint}")
+
+    def joints(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
+        """The joints with a position, without idle ones: those of no leg without an effort, such as an arm's, in a log
+        that has those of four legs; and a note on these.
+        """
+        found = self.owners(".position")
+        unknown = [name for name in self.names if not _is_joint_column(name)]
+        for channel in CHANNELS[1:]:
+            for joint in self.owners(f".{channel}"):
+                expected = f"{joint}.position"
+                if joint not in found and get_close_matches(expected, unknown, n=1, cutoff=0.85):
+                    raise self.missing(expected)
+        if not found:
+            raise self.missing("<joint>.position", "not a flat table: ")
+        idle = tuple(joint for joint in found if f"{joint}.effort" not in self.names)
+        if not idle or len(found) - len(idle) < 4 * _LEG_JOINTS or places(idle):
+            return found, ()
+        note = f"left out joints of no leg that have no torque: {_listed(idle)}"
+        return tuple(joint for joint in found if joint not in idle), (note,)
+
+    def channels(
+        self, joints: tuple[str, ...], require: Collection[str], pd: PdGains | None
+    ) -> tuple[dict[str, tuple[str, ...]], tuple[str, ...]]:
+        """Columns of each channel. If only some joints have one, effort raises, and others are skipped with a note."""
+        needed, possible = {"position", *require}, CHANNELS
+        if pd is not None:
+            if any(f"{joint}.effort" in self.names for joint in joints):
+                raise RecordingError(
+                    f"{self.source}: joint efforts are recorded: leave out --pd, which is for logs without"
+                )
+            needed, possible = (needed | {DESIRED[0]}) - {"effort"}, (*CHANNELS, *DESIRED)
+        found: dict[str, tuple[str, ...]] = {}
+        notes: tuple[str, ...] = ()
+        for channel in possible:
+            columns = tuple(f"{joint}.{channel}" for joint in joints)
+            absent = [column for column in columns if column not in self.names]
+            partial = 0 < len(absent) < len(columns)
+            if absent and (channel in needed or (channel == "effort" and partial)):
+                raise self.missing(absent[0], hint=self._without_effort() if channel == "effort" else "")
+            if not absent:
+                found[channel] = columns
+            elif partial:
+                notes += (f"left out the joints' {channel}: no column {_listed(absent)}",)
+        return found, notes
+
+    def _without_effort(self) -> str:
+        """Advice for a log without torques."""
+        if self.owners(".effort"):
+            return ""
+        if self.owners(f".{DESIRED[0]}"):
+            return "; --pd KP,KD makes efforts of the desired positions that are recorded"
+        return f"; no torque is recorded: record it, or <joint>.{DESIRED[0]} for --pd KP,KD"
+
+    def imu(self, required: bool) -> tuple[dict[str, tuple[str, ...]], tuple[str, ...]]:
+        """Columns of each quantity of an IMU with both rates and specific force, and a note on an incomplete one."""
+        kept = {quantity: columns for quantity, columns in IMU_COLUMNS.items() if set(columns) <= set(self.names)}
+        wanted = (*IMU_COLUMNS["angular_velocity"], *IMU_COLUMNS["linear_acceleration"])
+        needed = [column for column in wanted if column not in self.names]
+        if not needed:
+            return kept, ()
+        if required:
+            others = f"; nor {_listed(needed[1:])}" if needed[1:] else ""
+            raise RecordingError(f"{self.missing(needed[0])}{others}")
+        some = any(column in self.names for columns in IMU_COLUMNS.values() for column in columns)
+        return {}, (f"{HALF_IMU} {_listed(needed)}",) if some else ()
+
+    def forces(self) -> dict[str, tuple[str, ...]]:
+        """Columns of the forces of each foot."""
+        feet = {foot: tuple(f"{foot}.force.{axis}" for axis in "xyz") for foot in self.owners(".force.x")}
+        return {foot: columns for foot, columns in feet.items() if set(columns) <= set(self.names)}
 
 
-def _imu(names: Collection[str], source: str, required: bool) -> tuple[dict[str, tuple[str, ...]], tuple[str, ...]]:
-    kept = {quantity: columns for quantity, columns in IMU_COLUMNS.items() if set(columns) <= set(names)}
-    wanted = (*IMU_COLUMNS["angular_velocity"], *IMU_COLUMNS["linear_acceleration"])
-    needed = [column for column in wanted if column not in names]
-    if not needed:
-        return kept, ()
-    if required:
-        others = f"; nor {_listed(needed[1:])}" if needed[1:] else ""
-        raise RecordingError(f"{_missing(needed[0], names, source)}{others}")
-    some = any(column in names for columns in IMU_COLUMNS.values() for column in columns)
-    return {}, (f"{HALF_IMU} {_listed(needed)}",) if some else ()
-
-
-def _forces(names: Collection[str]) -> dict[str, tuple[str, ...]]:
-    feet = {foot: tuple(f"{foot}.force.{axis}" for axis in "xyz") for foot in _prefixes(names, ".force.x")}
-    return {foot: columns for foot, columns in feet.items() if set(columns) <= set(names)}
-
-
-def _missing(column: str, names: Collection[str], source: str, what: str = "", help_: str = "") -> RecordingError:
-    close = get_close_matches(column, [name for name in names if not _is_joint_column(name)], n=3, cutoff=0.75)
-    joints = _prefixes(names, ".position")
-    meant = f"; did you mean {' or '.join(map(repr, close))}?" if close else ""
-    there = f"joints with a position: {_listed(joints)}" if joints else f"columns: {_listed(tuple(names))}"
-    return RecordingError(f"{source}: {what + ': ' if what else ''}no column {column!r}{meant} ({there}){help_}")
-
-
-def _prefixes(names: Iterable[str], suffix: str) -> tuple[str, ...]:
+def _owners(names: Iterable[str], suffix: str) -> tuple[str, ...]:
     return tuple(n.removesuffix(suffix) for n in names if n.endswith(suffix) and n != suffix)
 
 

@@ -1,6 +1,6 @@
 """Summarises a log: columns, duration, rate, gaps and ranges, in one pass with memory independent of its length."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import chain
 
@@ -86,7 +86,10 @@ def summarize(chunks: Iterable[Recording], most_gaps: int = 1000) -> LogSummary:
         gap_count += len(wide)
         uneven += int(np.count_nonzero(np.abs(step - period) > 0.1 * period))
         samples, last = samples + len(chunk), float(chunk.time[-1])
-        _widen(extremes, chunk)
+        for name, values in chunk.arrays().items():
+            if name.rpartition(".")[-1] in _UNITS:
+                low, high = extremes.get(name, (values[0], values[0]))
+                extremes[name] = np.minimum(low, values.min(axis=0)), np.maximum(high, values.max(axis=0))
     if samples < 2:
         raise RecordingError(f"{first.source}: too few samples: {samples}")
     return LogSummary(
@@ -103,20 +106,10 @@ def summarize(chunks: Iterable[Recording], most_gaps: int = 1000) -> LogSummary:
         channels=tuple(name for name in CHANNELS if getattr(first, name) is not None),
         has_imu=first.imu is not None,
         imu_frame=None if first.imu is None else first.imu.frame,
-        ranges=tuple(_ranges(first, extremes)),
+        ranges=tuple(
+            Range(column, float(a), float(b), _UNITS[name.rpartition(".")[-1]])
+            for name, (low, high) in extremes.items()
+            for column, a, b in zip(first.columns(name), low, high, strict=True)
+        ),
         notes=tuple(notes),
     )
-
-
-def _widen(extremes: dict[str, tuple[Array, Array]], chunk: Recording) -> None:
-    """Updates the least and largest values of all signals with a chunk."""
-    for name, values in chunk.arrays().items():
-        if name.rpartition(".")[-1] in _UNITS:
-            low, high = extremes.get(name, (values[0], values[0]))
-            extremes[name] = np.minimum(low, values.min(axis=0)), np.maximum(high, values.max(axis=0))
-
-
-def _ranges(first: Recording, extremes: dict[str, tuple[Array, Array]]) -> Iterator[Range]:
-    for name, (low, high) in extremes.items():
-        for column, a, b in zip(first.columns(name), low, high, strict=True):
-            yield Range(column, float(a), float(b), _UNITS[name.rpartition(".")[-1]])

@@ -165,7 +165,13 @@ class Track:
         good = stamps > np.maximum.accumulate(np.concatenate([[before], stamps]))[:-1]
         self.seen += len(stamps)
         self.out_of_order += int(np.count_nonzero(~good))
-        self._check_clock(stamps[~good])
+        most, bad = self._settings.out_of_order * self.seen, stamps[~good]
+        if self.seen >= self._settings.out_of_order_from and self.out_of_order > most:
+            at = f", such as {1e-9 * bad[-1]:.6f} s" if len(bad) else ""
+            raise RecordingError(
+                f"{self.name}: the stamps of its headers are no clock: {self.out_of_order} of {self.seen} repeat or "
+                f"run back{at}"
+            )
         stamps, values = stamps[good], values[good]
         if not len(stamps):
             return
@@ -190,15 +196,6 @@ class Track:
                 return 0.0
         self.apart = max(self.apart, behind, key=abs)
         return float(behind)
-
-    def _check_clock(self, bad: Stamps) -> None:
-        enough = self.seen >= self._settings.out_of_order_from
-        if enough and self.out_of_order > self._settings.out_of_order * self.seen:
-            at = f", such as {1e-9 * bad[-1]:.6f} s" if len(bad) else ""
-            raise RecordingError(
-                f"{self.name}: the stamps of its headers are no clock: {self.out_of_order} of {self.seen} repeat or "
-                f"run back{at}"
-            )
 
     def at(self, stamps: Stamps) -> Array:
         """Values at these stamps, (stamps, columns); NaN where there is none."""

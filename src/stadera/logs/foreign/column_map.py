@@ -89,7 +89,11 @@ def parsed(text: str, name: str) -> ColumnMap:
     joints = content.get("joints", [])
     if not isinstance(joints, list) or not all(isinstance(joint, str) for joint in joints):
         raise RecordingError(f"{name}: joints needs a list of names")
-    base = _base(content, name) or ColumnMap(name, {})
+    base = ColumnMap(name, {})
+    if "base" in content:
+        if content["base"] not in preset_names():
+            raise RecordingError(f"{name}: no preset {content['base']!r}; presets: {', '.join(preset_names())}")
+        base = preset(content["base"]).asked()
     return ColumnMap(
         name,
         {**base.columns, **_sources(_table(content, "columns", name), name)},
@@ -108,14 +112,6 @@ def _units(table: dict[str, Any], name: str) -> Units:
         raise RecordingError(f"{name}: [units]: {error}") from None
 
 
-def _base(content: Mapping[str, Any], name: str) -> ColumnMap | None:
-    if "base" not in content:
-        return None
-    if content["base"] not in preset_names():
-        raise RecordingError(f"{name}: no preset {content['base']!r}; presets: {', '.join(preset_names())}")
-    return preset(content["base"]).asked()
-
-
 def _table(content: Mapping[str, Any], key: str, name: str) -> dict[str, Any]:
     found = content.get(key, {})
     if not isinstance(found, dict):
@@ -131,31 +127,22 @@ def _sources(table: Mapping[str, Any], name: str) -> dict[str, tuple[Source, ...
 
 
 def _source(column: str, given: Any, name: str) -> Source:
-    fields = _source_fields(column, {"column": given} if isinstance(given, str) else given, name)
+    """One source of a column, checked: its places are those left open in the flat table's name."""
+    fields = {"column": given} if isinstance(given, str) else given
+    if not isinstance(fields, dict) or not isinstance(pattern := fields.get("column"), str):
+        raise RecordingError(f'{name}: {column!r} needs the name of a column, or {{ column = "...", unit = "..." }}')
+    if unknown := next((key for key in fields if key not in ("column", "unit", "factor")), None):
+        raise RecordingError(f"{name}: {column!r}: unknown key {unknown!r}; valid: column, unit, factor")
     unit, factor = str(fields.get("unit", "")), fields.get("factor", 1.0)
     valid = FACTORS.get(quantity_of(column), {})
     if unit and unit not in valid:
         raise RecordingError(f"{name}: {column!r} has no unit {unit!r}; valid: {', '.join(valid) or 'none'}")
     if not isinstance(factor, int | float) or not isfinite(factor) or not factor:
         raise RecordingError(f"{name}: {column!r} needs a factor that is a number and not 0, got {factor!r}")
-    _check_places(column, fields["column"], name)
-    return Source(fields["column"], unit, float(factor))
-
-
-def _source_fields(column: str, fields: Any, name: str) -> dict[str, Any]:
-    """The fields of a source, once their names are checked."""
-    if not isinstance(fields, dict) or not isinstance(fields.get("column"), str):
-        raise RecordingError(f'{name}: {column!r} needs the name of a column, or {{ column = "...", unit = "..." }}')
-    if unknown := next((key for key in fields if key not in ("column", "unit", "factor")), None):
-        raise RecordingError(f"{name}: {column!r}: unknown key {unknown!r}; valid: column, unit, factor")
-    return fields
-
-
-def _check_places(column: str, pattern: str, name: str) -> None:
-    """Checks that the log's pattern provides every place left open in the flat table's name."""
     for place, said in (("{joint}", ("{joint}", "{i}", "{n}")), ("{axis}", ("{axis}", "{xyz}", "{wxyz}", "{xyzw}"))):
         if (place in column) != any(word in pattern for word in said):
             raise RecordingError(f"{name}: {column!r} = {pattern!r}: {place} and one of {', '.join(said)} go together")
+    return Source(pattern, unit, float(factor))
 
 
 @cache
@@ -186,7 +173,6 @@ _PLACES = {
     "_": f"{_SIGNS}+",
     "-": f"{_SIGNS}*",
 }
-_ORDERS = {"xyz": "xyz", "wxyz": "wxyz", "xyzw": "xyzw"}
 
 
 @dataclass(frozen=True)
@@ -217,14 +203,13 @@ def hits(pattern: str, names: Mapping[str, str]) -> Iterator[tuple[str, Hit]]:
 
 def _hit(said: Mapping[str, str | None]) -> Hit:
     axis = (said.get("axis") or "").lower()
-    for place, order in _ORDERS.items():
-        if number := said.get(place):
+    for order in ("xyz", "wxyz", "xyzw"):
+        if number := said.get(order):
             axis = order[int(number)]
     joint: str | int = said.get("joint") or ""
-    if said.get("i") is not None:
-        joint = int(said["i"] or 0)
-    elif said.get("n") is not None:
-        joint = int(said["n"] or 0) - 1
+    for place, first in (("i", 0), ("n", 1)):
+        if number := said.get(place):
+            joint = int(number) - first
     return Hit(joint, axis, said.get("topic") or "")
 
 

@@ -5,6 +5,7 @@ assignments for those that it does not recognise.
 import re
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 
 from stadera.errors import RecordingError, listed
@@ -59,27 +60,19 @@ def translated(
         found = _mapped(reading.columns, plain, source, topics, joints)
         _check_given(reading.columns, found, plain, source)
         return _in_units(found, reading.columns, labels, reading.units, given=True)
-    if _is_flat(plain.values()):
+    if "time" in plain.values() and _has_positions(plain.values()):
         return _as_is(names, plain, labels, reading.units)
     for name in preset_names():
         found = _mapped(preset(name), plain, source, topics, joints)
-        if _is_log(found, reading.units):
+        if ("time" in found or reading.units.rate_hz is not None) and _has_positions(found):
             return _in_units(found, preset(name), labels, reading.units, given=False)
     unknown = replace(_as_is(names, plain, labels, reading.units), recognised=False)
     timed = _mapped(preset(_GENERAL), plain, source, topics, joints).get("time")
     return replace(unknown, sources={**unknown.sources, "time": timed.column}) if timed else unknown
 
 
-def _is_flat(names: Collection[str]) -> bool:
-    return "time" in names and _has_positions(names)
-
-
 def _has_positions(names: Iterable[str]) -> bool:
     return any(name.endswith(".position") for name in names)
-
-
-def _is_log(found: Mapping[str, _Found], units: Units) -> bool:
-    return ("time" in found or units.rate_hz is not None) and _has_positions(found)
 
 
 def _as_is(
@@ -102,9 +95,8 @@ def _in_units(
     how = f"the map {chosen.name}" if given else f"the preset {chosen.name} ({chosen.about})"
     said = f"columns read by {how}: {example.column!r} as {example.flat!r}"
     time = found.get("time")
-    stamped = time is not None and bool(
-        {"time"} & {*units.of, *chosen.units.of} or time.source.unit or time.column in labels
-    )
+    stated = "time" in (*units.of, *chosen.units.of)
+    stamped = time is not None and (stated or bool(time.source.unit) or time.column in labels)
     rate = units.over(chosen.units).rate_hz if time is None else None
     sources = {flat: one.column for flat, one in found.items()}
     return Translation(sources, factors, stamped, rate, (said, *notes), topics=any(one.topic for one in found.values()))
@@ -124,19 +116,10 @@ def _factors(
         factor = (known[unit] if unit else 1.0) * one.source.factor
         if factor != 1.0:
             factors[flat] = factor
-            converted[_conversion(quantity or flat, unit, one.source.factor)] += 1
+            times = [f"times {one.source.factor:g}"] if one.source.factor != 1.0 else []
+            converted[" ".join(filter(None, (quantity or flat, unit, *times)))] += 1
     listed = ", ".join(f"{what} ({count} columns)" if " times" in what else what for what, count in converted.items())
     return factors, (f"converted to SI units: {listed}",) if converted else ()
-
-
-def _lacks_an_order(chosen: ColumnMap) -> bool:
-    patterns = " ".join(one.pattern for named in chosen.columns.values() for one in named)
-    return ("{i}" in patterns or "{n}" in patterns) and not chosen.joints
-
-
-def _conversion(quantity: str, unit: str, factor: float) -> str:
-    """Description for a note: "position deg times -1"."""
-    return " ".join([quantity, *([unit] if unit else []), *([f"times {factor:g}"] if factor != 1.0 else [])])
 
 
 def _mapped(
@@ -206,7 +189,9 @@ def _check_given(chosen: ColumnMap, found: Mapping[str, _Found], plain: Mapping[
         column = chosen.columns[flat][0].pattern
         raise RecordingError(f"{source}: no column {column!r}, which {chosen.name} has as {flat!r} (columns: {known})")
     if not _has_positions(found):
-        order = '; numbered joints need their order: joints = ["..."]' if _lacks_an_order(chosen) else ""
+        patterns = " ".join(one.pattern for named in chosen.columns.values() for one in named)
+        numbered = ("{i}" in patterns or "{n}" in patterns) and not chosen.joints
+        order = '; numbered joints need their order: joints = ["..."]' if numbered else ""
         raise RecordingError(
             f"{source}: no column is a joint's position by {chosen.name}{order}; columns: {known}; {TEMPLATE_HINT}"
         )
@@ -238,28 +223,18 @@ def hint(names: Sequence[str], reading: Reading) -> str:
     if asked := [one.name for one in chosen if one.joints]:
         order = " (joints by number: these differ in their order)" if len(asked) > 1 else ""
         ways.append(f"--columns {' or '.join(asked)}{order}")
-    if (fitting or _has_positions(names)) and not any(map(_timed, fitting.values())):
+    if (fitting or _has_positions(names)) and not any(
+        "time" in f.sources or f.rate_hz is not None for f in fitting.values()
+    ):
         ways.append("--units 200Hz for a steady rate without a column of time")
     unordered = next((one.name for one in chosen if not one.joints), None)
     order = f', in which base = "{unordered}" and joints = ["..."] say their order' if unordered else ""
     return f"; {', '.join([*ways, f'--columns MAP.toml{order} ({TEMPLATE_HINT})'])}"
 
 
-def _timed(found: Translation) -> bool:
-    return "time" in found.sources or found.rate_hz is not None
-
-
 def _all_fitting(names: Sequence[str], reading: Reading) -> Iterator[tuple[str, Translation]]:
-    """Yields the presets that fit, and what they translate columns to."""
+    """Yields the presets that fit if requested, and what they translate columns to."""
     for name in preset_names():
-        if (found := _fitting(preset(name), names, reading)) is not None:
-            yield name, found
-
-
-def _fitting(chosen: ColumnMap, names: Sequence[str], reading: Reading) -> Translation | None:
-    """Translates columns with a requested preset; None if it does not fit."""
-    asked = replace(chosen.asked(), joints=chosen.joints or _NUMBERED)
-    try:
-        return translated(names, "", Reading(asked, reading.units.over(Units())), Topics())
-    except RecordingError:
-        return None
+        asked = replace(preset(name).asked(), joints=preset(name).joints or _NUMBERED)
+        with suppress(RecordingError):
+            yield name, translated(names, "", Reading(asked, reading.units), Topics())

@@ -30,8 +30,6 @@ from stadera.types import Array
 _AXES = {"angular_velocity": "xyz", "linear_acceleration": "xyz", "force": "xyz", "orientation": "xyzw"}
 _JOINTS = "joints"
 _NUMBERS = "fiub"
-_ROWS = 16384  # rows of an archive read at a time
-_MAT_COPIES = 4  # copies of a MATLAB file's arrays in memory while unpacking
 _DAMAGED_NPZ = "damaged NumPy file"
 
 
@@ -97,7 +95,9 @@ class MatTable(TableReader):
     def opened(self, budget: Budget) -> OpenTable:
         """See `TableReader`."""
         arrays = _mat_arrays(budget)
-        columns = _mat_columns(arrays, budget)
+        joints = [str(joint).strip() for joint in arrays.get(_JOINTS, np.array([])).ravel()]
+        shapes = {name: array.shape for name, array in arrays.items() if array.dtype.kind in _NUMBERS}
+        columns = columns_of_arrays(shapes, joints, budget)
 
         def whole(names: tuple[str, ...], rows: int | None) -> list[Batch]:
             values = {name: _column(arrays[columns[name].array], columns[name].index) for name in names}
@@ -127,17 +127,12 @@ def _check_lengths(lengths: Mapping[str, int], path: str) -> None:
 
 
 # -- NumPy ------------------------------------------------------------------------------------------------------------
-@dataclass(frozen=True)
-class _Header:
-    shape: tuple[int, ...]
-    fortran: bool
-    dtype: np.dtype[Any]
-
-
-def _read_header(file: IO[bytes]) -> _Header:
+def _read_header(file: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
+    """Shape, whether the order is Fortran's, and type of the numbers of an array."""
     version = np.lib.format.read_magic(file)  # type: ignore[no-untyped-call]
-    read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
-    return _Header(*read(file))  # type: ignore[no-untyped-call]
+    read: Any = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+    shape, fortran, dtype = read(file)
+    return shape, fortran, dtype
 
 
 def _npz_columns(budget: Budget) -> dict[str, Column]:
@@ -148,18 +143,18 @@ def _npz_columns(budget: Budget) -> dict[str, Column]:
         for member in archive.namelist():
             name = member.removesuffix(".npy")
             with archive.open(member) as file:
-                header = _read_header(file)
-            if header.dtype.hasobject:
+                shape, _, dtype = _read_header(file)
+            if dtype.hasobject:
                 raise RecordingError(
                     f"{path}: array {name!r} holds pickled objects, which can run any code and are not read; save it "
                     f"as numbers or as names: import numpy; numpy.savez(..., {name}=list_of_them)"
                 )
-            if name == _JOINTS and header.dtype.kind == "U":
+            if name == _JOINTS and dtype.kind == "U":
                 budget.require_unpacked(archive.getinfo(member).file_size, "an array")
                 with archive.open(member) as file:
                     joints = [str(joint) for joint in np.lib.format.read_array(file, allow_pickle=False)]  # type: ignore[no-untyped-call]
-            elif header.dtype.kind in _NUMBERS:
-                shapes[name] = header.shape
+            elif dtype.kind in _NUMBERS:
+                shapes[name] = shape
     return columns_of_arrays(shapes, joints, budget)
 
 
@@ -168,15 +163,13 @@ class _Member:
 
     def __init__(self, archive: zipfile.ZipFile, name: str, stack: ExitStack, budget: Budget) -> None:
         self._file = stack.enter_context(archive.open(f"{name}.npy"))
-        self._header = header = _read_header(self._file)
-        sizes = [size for size in header.shape if size != 1] or [1]
-        self.samples = max(sizes)
-        self.width = min(sizes) if len(sizes) == 2 else 1
+        shape, fortran, self._dtype = _read_header(self._file)
+        sizes = [size for size in shape if size != 1] or [1]
+        self.samples, self.width = max(sizes), min(sizes) if len(sizes) == 2 else 1
         self._whole: NDArray[Any] | None = None
-        if len(sizes) == 2 and (header.fortran or sizes[0] < sizes[1]):  # a sample's values are not contiguous
+        if len(sizes) == 2 and (fortran or sizes[0] < sizes[1]):  # a sample's values are not contiguous
             budget.require_unpacked(archive.getinfo(f"{name}.npy").file_size, "an array")
-            flat = np.frombuffer(self._file.read(), header.dtype)
-            array = flat.reshape(sizes[::-1]).T if header.fortran else flat.reshape(sizes)
+            array = np.frombuffer(self._file.read(), self._dtype).reshape(sizes, order="F" if fortran else "C")
             self._whole = array if sizes[0] >= sizes[1] else array.T
 
     def rows(self, first: int, count: int) -> NDArray[Any]:
@@ -184,8 +177,8 @@ class _Member:
         if self._whole is not None:
             return self._whole[first : first + count]
         count = min(count, self.samples - first)
-        size = count * self.width * self._header.dtype.itemsize
-        return np.frombuffer(self._file.read(size), self._header.dtype).reshape(count, self.width)
+        data = self._file.read(count * self.width * self._dtype.itemsize)
+        return np.frombuffer(data, self._dtype).reshape(count, self.width)
 
 
 def _npz_batches(columns: Sequence[Column], budget: Budget) -> Iterator[Batch]:
@@ -194,7 +187,7 @@ def _npz_batches(columns: Sequence[Column], budget: Budget) -> Iterator[Batch]:
         archive = stack.enter_context(zipfile.ZipFile(path))
         members = {name: _Member(archive, name, stack, budget) for name in dict.fromkeys(c.array for c in columns)}
         _check_lengths({name: member.samples for name, member in members.items()}, str(path))
-        count = min(_ROWS, rows_at_once(sum(member.width for member in members.values())))
+        count = min(16384, rows_at_once(sum(member.width for member in members.values())))
         for first in range(0, members[columns[0].array].samples, count):
             rows = {name: member.rows(first, count) for name, member in members.items()}
             yield _batch(np.array([rows[c.array][:, c.index or 0] for c in columns], dtype=np.float64))
@@ -207,7 +200,8 @@ def _mat_arrays(budget: Budget) -> dict[str, NDArray[Any]]:
     script = Path(__file__).with_name("unpack_mat.py")
     with foreign(path, "damaged MATLAB file"), TemporaryDirectory() as folder:
         archive = Path(folder) / "arrays.npz"
-        limits = (str(_MAT_COPIES * budget.most_bytes), str(max(1, budget.most_seconds)))
+        copies = 4  # of the arrays in memory while unpacking
+        limits = (str(copies * budget.most_bytes), str(max(1, budget.most_seconds)))
         done = subprocess.run(
             [sys.executable, "-P", str(script), str(path), str(archive), *limits],
             capture_output=True,
@@ -219,10 +213,3 @@ def _mat_arrays(budget: Budget) -> dict[str, NDArray[Any]]:
             raise RecordingError(f"{path}: damaged MATLAB file: {said[:200]}")
         with np.load(archive, allow_pickle=False) as arrays:
             return dict(arrays)
-
-
-def _mat_columns(arrays: Mapping[str, NDArray[Any]], budget: Budget) -> dict[str, Column]:
-    """Columns of the arrays; a char matrix or cell array `joints` names the joints."""
-    joints = [str(joint).strip() for joint in arrays.get(_JOINTS, np.array([])).ravel()]
-    shapes = {name: array.shape for name, array in arrays.items() if array.dtype.kind in _NUMBERS}
-    return columns_of_arrays(shapes, joints, budget)
