@@ -26,10 +26,11 @@ PAIRS = [("LF", "RF"), ("LH", "RH"), ("LF", "LH"), ("RF", "RH"), ("LF", "RH"), (
 
 
 @cache
-def log_of(name: str, scenario: str, seed: int, loaded: bool = False, seconds: float = 4.0) -> Recording:
+def log_of(name: str, scenario: str, seed: int) -> Recording:
+    """With a load of a tenth of the robot from the middle, 3 s, on."""
     robot = load_robot(name)
-    load = Load(0.1 * robot.mass, "kg", (0.05, 0.06, 0.15)) if loaded else None
-    settings = SimulateSettings("real", load, duration=seconds, rate=250.0, seed=seed, hold=2, load_time=0.5 * seconds)
+    load = Load(0.1 * robot.mass, "kg", (0.05, 0.06, 0.15))
+    settings = SimulateSettings("real", load, duration=6.0, rate=250.0, seed=seed, hold=2, load_time=3.0)
     return simulate(robot, scenario, settings).recording
 
 
@@ -52,26 +53,25 @@ def order_of(log: Recording, name: str, limits: CheckLimits) -> SwappedTorques |
     return swapped_in_motion(footing, TrunkRows.of(footing))
 
 
-@pytest.mark.parametrize(
-    ("name", "scenario", "seed", "loaded"),
-    [
-        ("go2", "shake", 11, False),
-        ("hyq", "shake", 12, True),
-        ("anymal_c", "crawl", 13, False),
-        ("b1", "stand", 14, True),
-        ("hyq", "trot", 15, True),
-    ],
-)
-def test_nothing_is_found_in_a_clean_log(name: str, scenario: str, seed: int, loaded: bool) -> None:
-    assert diagnose(log_of(name, scenario, seed, loaded), load_robot(name)) == ()
+SOUND = [
+    ("go2", "shake", 12),
+    ("hyq", "shake", 12),
+    ("b1", "stand", 14),
+    ("anymal_c", "crawl", 13),
+    ("hyq", "trot", 17),
+]
+"""The logs of all tests below."""
+
+
+@pytest.mark.parametrize(("name", "scenario", "seed"), SOUND)
+def test_nothing_is_found_in_a_clean_log(name: str, scenario: str, seed: int) -> None:
+    assert diagnose(log_of(name, scenario, seed), load_robot(name)) == ()
 
 
 @pytest.mark.parametrize("pair", PAIRS)
-@pytest.mark.parametrize(("name", "seed", "loaded"), [("go2", 11, False), ("hyq", 12, True)])
-def test_on_a_robot_that_sways_two_legs_with_swapped_torques_are_named(
-    name: str, seed: int, loaded: bool, pair: tuple[str, str]
-) -> None:
-    log, robot = swapped(log_of(name, "shake", seed, loaded), name, pair), load_robot(name)
+@pytest.mark.parametrize("name", ["go2", "hyq"])
+def test_on_a_robot_that_sways_two_legs_with_swapped_torques_are_named(name: str, pair: tuple[str, str]) -> None:
+    log, robot = swapped(log_of(name, "shake", 12), name, pair), load_robot(name)
     (finding,) = [found for found in diagnose(log, robot) if found.fatal or found.cause == "contradiction"]
     if finding.cause == "joint_order":
         assert f"the torques of legs {pair[0]} and {pair[1]} are swapped" in finding.message
@@ -82,7 +82,7 @@ def test_on_a_robot_that_sways_two_legs_with_swapped_torques_are_named(
 
 @pytest.mark.parametrize("pair", PAIRS[:2])
 def test_on_a_robot_that_stands_feet_that_push_against_each_other_are_a_doubt(pair: tuple[str, str]) -> None:
-    log = log_of("b1", "stand", 14, True)
+    log = log_of("b1", "stand", 14)
     (finding,) = diagnose(swapped(log, "b1", pair), load_robot("b1"))
     assert finding.cause == "pushing"
     assert not finding.fatal
@@ -101,8 +101,7 @@ def test_on_a_robot_that_stands_feet_that_push_against_each_other_are_a_doubt(pa
 )
 def test_a_torque_that_jumps_is_named_with_its_time(name: str, scenario: str, seed: int, joint: str) -> None:
     """By a tenth of its limit, and with a load of a tenth of the robot at the same time. A push looks alike."""
-    robot, log = load_robot(name), log_of(name, scenario, seed, True, 6.0)
-    assert diagnose(log, robot) == ()
+    robot, log = load_robot(name), log_of(name, scenario, seed)
     assert log.effort is not None
     effort = log.effort.copy()
     effort[log.time > 3.0, log.index(joint)] += 0.1 * robot.limits[joint].effort
@@ -126,7 +125,7 @@ def test_a_torque_that_jumps_is_named_with_its_time(name: str, scenario: str, se
 def test_a_step_that_any_joint_explains_is_not_named(monkeypatch: pytest.MonkeyPatch, most: int, named: bool) -> None:
     """Four joints alike: what comes to the whole robot at once is no joint's sensor."""
     squares, sizes = np.r_[np.full(4, 400.0), np.zeros(8)], np.full(12, 0.1)
-    log = log_of("go2", "shake", 11, False)
+    log = log_of("go2", "shake", 12)
     monkeypatch.setattr(torques, "_tested", lambda *_: (squares, sizes))
     footing = footing_of(log, "go2", CheckLimits(step_alike_most=most))
     found = torque_step(footing, TrunkRows.of(footing))
@@ -166,7 +165,7 @@ def test_hips_of_a_sound_robot_that_stands_are_not_accused(name: str, seed: int)
 
 def test_an_order_that_does_not_explain_the_motion_itself_is_not_named() -> None:
     """Legs in the wrong order, and torques that lead the motion by 40 ms: neither order fits."""
-    log = log_of("hyq", "trot", 15, True)
+    log = log_of("hyq", "trot", 17)
     assert log.effort is not None
     led = np.roll(log.effort, -10, axis=0)
     assert order_of(replace(log, effort=led), "hyq", CheckLimits()) is None
@@ -177,7 +176,7 @@ def test_an_order_that_does_not_explain_the_motion_itself_is_not_named() -> None
 
 def test_an_order_that_gains_in_one_second_only_is_not_named() -> None:
     """Torques of two legs exchanged for a second are no order of the log's torques."""
-    log = log_of("go2", "shake", 11, False)
+    log = log_of("go2", "shake", 12)
     other = swapped(log, "go2", ("LF", "RF"))
     assert log.effort is not None
     assert other.effort is not None
@@ -186,10 +185,10 @@ def test_an_order_that_gains_in_one_second_only_is_not_named() -> None:
     assert order_of(mixed, "go2", CheckLimits()) is None
 
 
-@pytest.mark.parametrize(("name", "scenario", "seed"), [("hyq", "trot", 15), ("anymal_c", "crawl", 13)])
+@pytest.mark.parametrize(("name", "scenario", "seed"), [("hyq", "trot", 17), ("anymal_c", "crawl", 13)])
 def test_an_imu_that_is_late_is_named_as_that_or_not_at_all(name: str, scenario: str, seed: int) -> None:
     """By a tenth of a second; not as turned, in other units, or as torques of other legs."""
-    log, robot = log_of(name, scenario, seed, True), load_robot(name)
+    log, robot = log_of(name, scenario, seed), load_robot(name)
     assert log.imu is not None
     by = round(0.1 * (len(log) - 1) / float(np.ptp(log.time)))
     late = replace(
