@@ -6,7 +6,9 @@ from typing import Any
 
 from typer.core import TyperCommand
 
-OUTPUTS = frozenset({"json", "report", "export", "out", "model", "latex", "figure", "keep", "merge", "record", "rrd"})
+OUTPUTS = frozenset(
+    {"memory", "json", "report", "export", "out", "model", "latex", "figure", "keep", "merge", "record", "rrd"}
+)
 """Parameters that name outputs. All other parameters that name files are inputs."""
 
 REPLAY = "replay:"

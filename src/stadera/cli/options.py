@@ -52,6 +52,12 @@ Tare = Annotated[str | None, option("T0:T1|LOG", "Time [s] in LOG, or another lo
 Weight = Annotated[
     str | None, option("KG[±KG]", "The robot's mass on a scale, at the tare, else at the log's beginning.")
 ]
+Known = Annotated[
+    str | None, option("KG@X,Y,Z", "The payload, if it is a test weight [kg, m]: it calibrates the torques.")
+]
+MemoryFile = Annotated[
+    Path | None, option("F.json", "What earlier logs told of this robot; read if it is there, and written anew.")
+]
 Stiffness = Annotated[str | None, option("KX,KY,KZ", "Stiffness of the trunk controller [N·m/rad], for 'orientation'.")]
 ImuFrame = Annotated[
     str | None, option("NAME", "Frame of the IMU's values [default: the log's own, else the model's].")

@@ -1,12 +1,17 @@
 """Parses option values. Malformed values are bad usage (exit 2); unknown names are left to the callee."""
 
+from __future__ import annotations
+
 from collections.abc import Iterator
 from contextlib import contextmanager
 from math import isfinite
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import typer
+
+if TYPE_CHECKING:
+    from stadera.weigh.settings import TestWeight
 
 Point = tuple[float, float, float]
 
@@ -114,6 +119,14 @@ def weight(value: str) -> tuple[float, float]:
 
     with _bad_usage():
         return weight_of(value)
+
+
+def known(value: str) -> TestWeight:
+    """A payload that is known, "5kg@0.1,0,0.08"."""
+    from stadera.weigh.settings import TestWeight
+
+    with _bad_usage():
+        return TestWeight.of(value)
 
 
 @contextmanager

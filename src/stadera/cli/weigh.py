@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from stadera.cli import options as opt
 from stadera.cli import parse
 from stadera.cli.options import argument, grouped, option
 from stadera.cli.outputs import ResultFiles
 from stadera.cli.terminal import progress, show
+from stadera.files import write_text
+from stadera.results import json_text
 
 if TYPE_CHECKING:
     from stadera.limits import Limits
     from stadera.robot import Robot
+    from stadera.trunk.memory import Memory
     from stadera.weigh.settings import Watch
 
 
@@ -26,6 +30,8 @@ def weigh(
     method: opt.Method = None,
     tare: opt.Tare = None,
     weight: opt.Weight = None,
+    known: opt.Known = None,
+    memory: opt.MemoryFile = None,
     stiffness: opt.Stiffness = None,
     legs: opt.LegsFile = None,
     force: opt.Force = False,
@@ -51,6 +57,7 @@ def weigh(
     springs = None if stiffness is None else parse.point(stiffness)
     chosen_tare = None if tare is None else parse.tare(tare)
     on_scale = None if weight is None else parse.weight(weight)
+    test = None if known is None else parse.known(known)
 
     from stadera.report.weigh.tables import weighing_tables
     from stadera.weigh.settings import check_choice
@@ -59,12 +66,13 @@ def weigh(
 
     check_choice(method, springs)
     model = robot_with_legs(options.robot(robot, log), legs, options.reading.limits, force)
-    files.check(export)
+    files.check(export, memory)
     if export is not None:
         from stadera.robot.export import check_export
 
         check_export(model, export)
-    known = None if truth is None else read_truth(truth)
+    remembered = None if memory is None else _read_memory(memory, model)
+    true = None if truth is None else read_truth(truth)
     with watching(model, view, rrd) as watch, progress() as bar:
         unloaded = options.log(chosen_tare) if isinstance(chosen_tare, Path) else chosen_tare
         result = weigh_log(
@@ -79,16 +87,38 @@ def weigh(
             progress=bar,
             watch=watch,
             weight=on_scale,
+            known=test,
+            memory=remembered,
         )
     files.write(
         (export, result.save_urdf),
+        (memory if result.memory else None, lambda draft: write_text(draft, json_text(_plain(result.memory)))),
         values=result.to_dict,
-        page=lambda: result.to_html(known),
+        page=lambda: result.to_html(true),
         latex=result.to_latex,
-        figures=lambda: result.to_figures(known),
+        figures=lambda: result.to_figures(true),
     )
-    since = None if known is None else known.since(result.begin)
+    since = None if true is None else true.since(result.begin)
     show(*weighing_tables(result.since_beginning(), since))
+
+
+def _read_memory(path: Path, robot: Robot) -> Memory:
+    """The memory in a file, a new one if there is no such file. Raises IdentificationError: it holds none of the
+    robot's.
+    """
+    from stadera.errors import IdentificationError
+    from stadera.trunk.memory import Memory
+
+    if not path.exists():
+        return Memory.none(robot)
+    try:
+        return Memory.from_dict(json.loads(path.read_text(encoding="utf-8"))).check(robot)
+    except (ValueError, IdentificationError) as error:
+        raise IdentificationError(f"--memory {path}: {error}") from None
+
+
+def _plain(memory: Memory | None) -> dict[str, Any] | None:
+    return None if memory is None else memory.to_dict()
 
 
 def robot_with_legs(name: str, legs: Path | None, limits: Limits, force: bool = False) -> Robot:

@@ -20,6 +20,7 @@ from stadera.robot.model import Robot
 from stadera.trunk.estimator import TrunkEstimator
 from stadera.trunk.load import LoadChange, Payload, since_tare
 from stadera.trunk.measurement import Measurement, measurements_of
+from stadera.trunk.memory import Memory
 from stadera.trunk.posture import PostureLaw
 from stadera.trunk.protocol import Status, Weigher
 from stadera.trunk.registry import Setup, method_of
@@ -31,10 +32,13 @@ from stadera.weigh.against_model import Footprint, doubts
 from stadera.weigh.at_rest import AtRest
 from stadera.weigh.reading import CheckedLog
 from stadera.weigh.result import Refusal, Timeline, Weighing
-from stadera.weigh.settings import Watch, WeighSettings
+from stadera.weigh.settings import TestWeight, Watch, WeighSettings
 
 _MORE = ("torque_lag", "evidence", "spikes", "impacts", "drives", "balance", "vertical")
 """What an estimator may tell beyond the protocol, under its name in `Weighing`."""
+
+
+_UNIX, _DAY = 1e9, 86400.0  # s: a clock that reads more counts from 1970; of a day
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,6 +53,8 @@ class Request:
     progress: Progress | None = None
     watch: Watch | None = None
     weight: tuple[float, float] | None = None
+    known: TestWeight | None = None
+    memory: Memory | None = None
 
 
 def weighed(request: Request, log: CheckedLog) -> Weighing:
@@ -168,6 +174,9 @@ class _LogPass:
             raise IdentificationError(
                 f"{log.source.source}: nothing could be learnt: {estimate.reason or 'too few samples'}"
             )
+        if (known := self._request.known) is not None and isinstance(estimator, TrunkEstimator):
+            estimator.know_payload(known.mass, known.com, known.mass_std, known.com_std)
+        memory, said = self._remembered()
         try:
             payload = estimator.payload
         except IdentificationError as error:
@@ -200,7 +209,12 @@ class _LogPass:
             ),
             begin=log.begin,
             end=log.end,
-            notes=(*dict.fromkeys([*remarks, *(note for read in logs for note in read.notes)]), *self._uncovered()),
+            notes=(
+                *dict.fromkeys([*remarks, *(note for read in logs for note in read.notes)]),
+                *self._uncovered(),
+                *filter(None, [said]),
+            ),
+            memory=memory,
             **{name: getattr(estimator, name, None) for name in _MORE},  # type: ignore[arg-type]
         )
 
@@ -211,6 +225,9 @@ class _LogPass:
             mass, std = self._request.weight
             when = "tare" if self.tared else "beginning"
             yield f"the robot's mass on a scale, {mass:g} ± {std:.2g} kg at the {when}, is used"
+        if (test := self._request.known) is not None:
+            place = ", ".join(f"{v:g}" for v in test.com)
+            yield f"the payload is a test weight of {test.mass:g} kg at {place} m, as its owner says"
         if not self.tared and self.at_rest is None:
             known = self._request.settings.trunk.changes.history
             yield f"a load put on in the first {known:g} s counts as part of the trunk; a tare (--tare) tells it apart"
@@ -222,9 +239,28 @@ class _LogPass:
             return AtRest(robot, self._locating, request.settings, lacks)
         mount = ImuMount.of(robot, self.log.imu_frame or (None if imu is None else imu.frame))
         estimator = self._method.make(Setup(robot, mount=mount, settings=request.settings.trunk))
-        if request.weight is not None and isinstance(estimator, TrunkEstimator):
-            estimator.know_weight(*request.weight)
+        if isinstance(estimator, TrunkEstimator):
+            if request.weight is not None:
+                estimator.know_weight(*request.weight)
+            if request.memory is not None:
+                estimator.recall(request.memory, self._days)
         return estimator
+
+    @property
+    def _days(self) -> float:
+        """Time of the log, days since 1970, if its clock is Unix time; else NaN."""
+        return self.log.begin / _DAY if self.log.begin > _UNIX else np.nan
+
+    def _remembered(self) -> tuple[Memory | None, str]:
+        """The memory with this log, and what to say of it."""
+        memory, estimator = self._request.memory, self.estimator
+        if memory is None or not isinstance(estimator, TrunkEstimator):
+            return None, ""
+        try:
+            found = estimator.remember(memory, self._days)
+        except IdentificationError as error:
+            return None, f"the robot's memory stays as it was: {error}"
+        return found, f"the robot's memory of {memory.logs} logs is used, and has {found.logs} now"
 
     def _locating(self, first: Measurement, forces: ContactForceEstimator) -> Weigher:
         """The method at rest, by a log's first measurement."""

@@ -15,6 +15,7 @@ from stadera.results import Result, data_frame
 from stadera.robot.model import Robot
 from stadera.trunk.drives import Drives
 from stadera.trunk.load import LoadChange, Payload, plain, quantity
+from stadera.trunk.memory import Memory
 from stadera.trunk.merge import TrunkEvidence
 from stadera.trunk.result import TrunkParameters
 from stadera.trunk.settings import ModelErrors
@@ -186,6 +187,7 @@ class Weighing(Result):
         spikes: number of samples of which single wild values were replaced; None at rest.
         impacts: time left out because the log's rate does not resolve its impacts [s]; None at rest.
         drives: what the motion told about the joints; None at rest.
+        memory: the robot's memory with this log, if one was asked for and the log does not contradict it.
     """
 
     robot: Robot
@@ -209,6 +211,7 @@ class Weighing(Result):
     spikes: int | None = None
     impacts: float | None = None
     drives: Drives | None = None
+    memory: Memory | None = None
 
     @property
     def mass(self) -> float:
@@ -275,7 +278,9 @@ class Weighing(Result):
         if self.payload is None or self.determined(limits)["payload"]:
             return ()
         std = hypot(limits.swayed * self.robot.mass, ModelErrors().common_gain * self.payload.mass)
-        do = "let the trunk sway by 3° for 5 s without and with the load, or walk ten steps: friction holds what stands"
+        best = f"best by `stadera excite --robot {self.robot.name} --trunk`"
+        sway = f"let the trunk sway for 5 s without and with the load, {best}"
+        do = f"{sway}, or walk ten steps: friction holds what stands"
         return (NextStep(do, std),) if std < self.payload.mass_std else ()
 
     def __repr__(self) -> str:

@@ -1,5 +1,7 @@
 """Settings of weighing, and what a user names: a method, a weight, a tare."""
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from dataclasses import dataclass, field, fields
 from typing import TYPE_CHECKING
@@ -110,6 +112,33 @@ def weight_of(text: str) -> tuple[float, float]:
     if not (np.isfinite(found).all() and found[0] > 0.0 and found[1] >= 0.0):
         raise IdentificationError(f"{text!r} is not a weight like 15.2kg or 15.2kg±0.05")
     return found
+
+
+@dataclass(frozen=True)
+class TestWeight:
+    """A payload that its owner knows: mass and its standard deviation [kg], place (3,) and its deviation [m], trunk
+    frame.
+    """
+
+    __test__ = False  # no test of pytest's
+
+    mass: float
+    com: tuple[float, float, float]
+    mass_std: float = 0.005
+    com_std: float = 0.005
+
+    @classmethod
+    def of(cls, text: str) -> TestWeight:
+        """Parses "5kg@x,y,z" [kg, m]. Raises IdentificationError: not of this form."""
+        weight, at, place = text.partition("@")
+        try:
+            x, y, z = (float(part) for part in place.split(","))
+            mass = float(weight.replace("kg", ""))
+        except ValueError:
+            mass, x, y, z = np.nan, np.nan, np.nan, np.nan
+        if not (at and np.isfinite([mass, x, y, z]).all() and mass > 0.0):
+            raise IdentificationError(f"{text!r} is not a test weight like 5kg@0.1,0,0.08")
+        return cls(mass, (x, y, z))
 
 
 def tare_of(text: str) -> tuple[float, float] | str:

@@ -15,13 +15,14 @@ from stadera.logs.recording import Recording
 from stadera.robot import load_robot
 from stadera.robot.model import Robot
 from stadera.threads import one_thread
+from stadera.trunk.memory import Memory
 from stadera.trunk.registry import method_of
 from stadera.trust import Trust
 from stadera.types import Progress
 from stadera.weigh.pipeline import Request, weighed
 from stadera.weigh.reading import CheckedLog, with_extra_joints
 from stadera.weigh.result import Weighing
-from stadera.weigh.settings import IN_MOTION, Watch, WeighSettings, check_choice, weight_of
+from stadera.weigh.settings import IN_MOTION, TestWeight, Watch, WeighSettings, check_choice, weight_of
 
 WITH_IMU, WITHOUT_IMU = "contact", "poses"
 """Default methods at rest."""
@@ -42,6 +43,8 @@ def weigh(
     progress: Progress | None = None,
     watch: Watch | None = None,
     weight: float | tuple[float, float] | None = None,
+    known: TestWeight | None = None,
+    memory: Memory | None = None,
 ) -> Weighing:
     """Weighs the trunk of a robot, with everything attached to it, and the payload added since a tare.
 
@@ -63,6 +66,9 @@ def weigh(
         watch: called with samples (IMU values in trunk axes) and the estimator, in motion only.
         weight: mass of the whole robot on a scale [kg], or (mass, standard deviation): at the tare, else at the log's
             beginning. It removes what the torques' common scale adds to the bars. In motion only.
+        known: the payload since the tare, if its owner knows it: it calibrates gains and offsets. In motion only.
+        memory: what earlier logs told of this robot; `Memory.none(robot)` begins one. The result's `memory` has this
+            log besides. In motion only.
 
     Raises:
         ModelError, UnknownNameError: no such robot, method or frame.
@@ -84,8 +90,8 @@ def weigh(
     unloaded = others[0] if others else span
     name = method or _choose_method(source, others, chosen)
     on_scale = weight_of(f"{weight}") if isinstance(weight, int | float) else weight
-    _check_method(name, model, source, others, watch=watch is not None, weight=on_scale is not None)
-    request = Request(model, name, chosen, unloaded, stiffness, progress, watch, on_scale)
+    _check_method(name, model, source, others, watch is not None, on_scale is not None, known or memory)
+    request = Request(model, name, chosen, unloaded, stiffness, progress, watch, on_scale, known, memory)
     result = weighed(request, source)
     if result.trust.verdict == "bad" and not force:
         raise UntrustedError(f"{result.source}: not to be trusted: {'; '.join(result.trust.reasons)}")
@@ -116,7 +122,7 @@ def _choose_method(log: CheckedLog, others: list[CheckedLog], settings: WeighSet
 
 
 def _check_method(
-    name: str, robot: Robot, log: CheckedLog, others: list[CheckedLog], *, watch: bool, weight: bool
+    name: str, robot: Robot, log: CheckedLog, others: list[CheckedLog], watch: bool, weight: bool, more: object
 ) -> None:
     """Checks that a method suits robot, logs and options. Raises RecordingError or IdentificationError."""
     method, source = method_of(name), log.source
@@ -125,7 +131,12 @@ def _check_method(
             f"{source.source}: the method {name!r}, at rest, is for four legs of three joints; {robot.name} is weighed "
             f"by {IN_MOTION!r}, which needs an IMU and 50 samples a second"
         )
-    for asked, what in ((watch, "only weighing in motion can be watched"), (weight, "a weight is used in motion only")):
+    in_motion = (
+        (watch, "only weighing in motion can be watched"),
+        (weight, "a weight is used in motion only"),
+        (more is not None, "a test weight and a memory are used in motion only"),
+    )
+    for asked, what in in_motion:
         if asked and name != IN_MOTION:
             raise IdentificationError(f"{source.source}: {what}, by {IN_MOTION!r}; this log is weighed by {name!r}")
     if method.needs_imu:
