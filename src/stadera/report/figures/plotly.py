@@ -77,7 +77,7 @@ def data(figure: Figure) -> Markup:
     made = {"data": traces, "desk": _layout(figure, DESK), "shared": list(shared)}
     if (phone := _layout(figure, PHONE)) != made["desk"]:
         made["phone"] = phone
-    return Markup(json.dumps(made, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c"))
+    return Markup(json.dumps(made, separators=(",", ":"), ensure_ascii=False, allow_nan=False).replace("<", "\\u003c"))
 
 
 # -- traces -----------------------------------------------------------------------------------------------------------

@@ -39,7 +39,7 @@ def figure(series: FleetSeries, found: Sequence[Departure]) -> Figure:
     ):
         if chosen.any():
             at, half = value[chosen], 2.0 * std[chosen]
-            hover = tuple(_hover(series, k) for k in np.flatnonzero(chosen)) if named else ()
+            hover = tuple(_hover(series, k) for k in np.flatnonzero(chosen).tolist()) if named else ()
             look: dict[str, Any] = {"marker": marker, "size": 6.0, "y_range": (at - half, at + half), "hover": hover}
             marks.append(Series(x[chosen], at, "", colour, 0.0, **look))
     edges = sorted({0, len(value), *(d.first for d in found), *(d.last + 1 for d in found)})
@@ -142,7 +142,7 @@ def _drawn(fleet: Sequence[FleetSeries], found: Sequence[Departure]) -> dict[Fle
     for series in sorted(fleet, key=lambda series: (not outs[series], series.joint is not None)):
         shown = figure(series, outs[series])
         data = plotly.data(shown)
-        spent += len(data)
+        spent += len(data) + 600  # and what is around it
         if spent > SHOWN.figures:
             break
         panels[series] = FleetPanel(shown, data, bool(outs[series]))
