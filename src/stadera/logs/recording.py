@@ -300,8 +300,10 @@ def check_values(
     """Checks that values (samples, columns) are finite and plausible; `samples` are their indices in the log. Raises
     RecordingError.
     """
+    if not values.size:
+        return
     table, largest = values.reshape(len(values), -1), np.array([largest_of(column) for column in columns])
-    if not table.size or ((table.max(axis=0) <= largest) & (table.min(axis=0) >= -largest)).all():
+    if ((table.max(axis=0) <= largest) & (table.min(axis=0) >= -largest)).all():
         return
     sample, column = np.argwhere(~(np.abs(table) <= largest))[0]
     value, at = table[sample, column], sample if samples is None else samples[sample]
