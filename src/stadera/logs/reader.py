@@ -6,7 +6,6 @@ A new file format is one module with a reader and one line in READERS.
 import zipfile
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from itertools import islice
 from os import PathLike
 from pathlib import Path
 from typing import Protocol
@@ -24,7 +23,7 @@ from stadera.logs.mend import changed, sources_of
 from stadera.logs.recording import Recording, concatenate, take
 from stadera.logs.tables.arrays import MatTable, NpzTable
 from stadera.logs.tables.arrow import CsvTable, ParquetTable
-from stadera.logs.topics import EXAMPLES, FirstChunk, LogFile, OpenedLog
+from stadera.logs.topics import EXAMPLES, LogFile
 
 Log = str | PathLike[str] | Recording
 """A log as accepted everywhere: a path, a LogFile (a path with topics), or a recording in memory; a data frame too."""
@@ -108,42 +107,11 @@ def stream(
     log = as_log(log)
     if isinstance(log, Recording):
         return _chunks(_chosen(log, joints, require), rows)
-    if isinstance(log, OpenedLog) and MOST_ROWS % rows == 0:
-        return _opened(log, joints, require, rows)
-    return _read(log, joints, require, rows)
-
-
-def _read(log: LogFile, joints: Sequence[str] | None, require: Collection[str], rows: int) -> Iterator[Recording]:
     changes = log.reading.changes
     chunks = reader_of(log.path).stream(log, joints=sources_of(changes, joints), require=require, rows=rows)
     if not changes:
         return chunks
     return (changed(chunk, changes, joints, first=k == 0) for k, chunk in enumerate(chunks))
-
-
-def _opened(log: OpenedLog, joints: Sequence[str] | None, require: Collection[str], rows: int) -> Iterator[Recording]:
-    """The chunks of a log whose first one is kept."""
-    key = None if joints is None else tuple(joints)
-    if key not in log.beginnings:
-        chunks = _read(log, joints, (), MOST_ROWS)
-        log.beginnings[key] = FirstChunk(next(chunks, None), chunks)
-    kept = log.beginnings[key]
-    if kept.first is None or any(getattr(kept.first, channel, None) is None for channel in require):
-        return _read(log, joints, require, rows)  # which raises
-    chunks = _all_of(log, kept, joints)
-    return chunks if rows == MOST_ROWS else (part for chunk in chunks for part in _chunks(chunk, rows))
-
-
-def _all_of(log: OpenedLog, kept: FirstChunk, joints: Sequence[str] | None) -> Iterator[Recording]:
-    """The first chunk and those after it; whoever reads on takes the beginning's place in memory."""
-    if kept.first is None:  # another reader has
-        yield from _read(log, joints, (), MOST_ROWS)
-        return
-    yield kept.first
-    for key in [key for key, other in log.beginnings.items() if other is kept]:
-        del log.beginnings[key]
-    rest, kept.first, kept.rest = kept.rest or islice(_read(log, joints, (), MOST_ROWS), 1, None), None, None
-    yield from rest
 
 
 def read_head(log: Log, joints: Sequence[str] | None = None) -> Recording:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from importlib import resources
 from math import isfinite
@@ -21,7 +21,6 @@ from stadera.types import Array
 if TYPE_CHECKING:
     from stadera.logs.foreign.column_map import ColumnMap
     from stadera.logs.mend import Change, Gear
-    from stadera.logs.recording import Recording
 
 
 DESIRED: tuple[str, ...] = ("position_desired", "velocity_desired", "effort_desired")
@@ -179,28 +178,3 @@ class LogFile(PathLike[str]):
 
     def __str__(self) -> str:
         return str(self.path)
-
-
-@dataclass
-class FirstChunk:
-    """The first chunk of a log, and those after it until a reader takes them."""
-
-    first: Recording | None
-    rest: Iterator[Recording] | None
-
-
-@dataclass(frozen=True)
-class OpenedLog(LogFile):
-    """A log on disk whose first chunk (by joints read; `stadera.logs.stream` fills it) is kept in memory until someone
-    reads on, so that checks made on it before do not read it again. Chunks of fewer rows are cut from it, so they are
-    full where the file has rows with blank cells.
-    """
-
-    beginnings: dict[tuple[str, ...] | None, FirstChunk] = field(
-        default_factory=dict, init=False, repr=False, compare=False
-    )
-
-    @classmethod
-    def at(cls, log: LogFile) -> OpenedLog:
-        """The same log with nothing read yet."""
-        return cls(log.path, log.topics, log.reading)

@@ -12,6 +12,7 @@ from typing import Any, Self
 from stadera.boundary import foreign, require_input
 from stadera.constants import ROUNDING
 from stadera.inertia import InertialParameters
+from stadera.trunk.load import TENSOR
 
 
 @dataclass(frozen=True)
@@ -23,29 +24,39 @@ class TruthAt:
 
     time: float
     mass: float
-    com: tuple[float, float, float]
+    com: tuple[float, ...]
     inertia: tuple[float, ...]
     payload_mass: float = 0.0
-    payload_com: tuple[float, float, float] | None = None
+    payload_com: tuple[float, ...] | None = None
 
     @classmethod
     def of(cls, time: float, trunk: InertialParameters, bare: InertialParameters) -> Self:
         """Computes the entry from the trunk with and without payload."""
-        load = trunk - bare
-        loaded = load.mass > ROUNDING
-        return cls(
-            time,
-            float(trunk.mass),
-            _triple(trunk.com),
-            tuple(float(v) for v in trunk.vector[4:]),
-            float(load.mass) if loaded else 0.0,
-            _triple(load.com) if loaded else None,
-        )
+        load, found = trunk - bare, cls(time, float(trunk.mass), _floats(trunk.com), _floats(trunk.vector[4:]))
+        return replace(found, payload_mass=load.mass, payload_com=_floats(load.com)) if load.mass > ROUNDING else found
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values."""
+        return {
+            "time": self.time,
+            "mass": self.mass,
+            "com": list(self.com),
+            "inertia": dict(zip(TENSOR, self.inertia, strict=True)),
+            "payload": None if self.payload_com is None else {"mass": self.payload_mass, "com": list(self.payload_com)},
+        }
+
+    @classmethod
+    def from_dict(cls, value: dict[str, Any]) -> Self:
+        """From `to_dict`."""
+        load = value["payload"] or {"mass": 0.0, "com": None}
+        com = load["com"] and _floats(load["com"])
+        inertia = _floats(value["inertia"].values())
+        return cls(float(value["time"]), float(value["mass"]), _floats(value["com"]), inertia, float(load["mass"]), com)
 
 
 @dataclass(frozen=True)
 class Truth:
-    """Ground truth of one run: its settings and"""
+    """Ground truth of one run: its settings and the true trunk."""
 
     robot: str
     scenario: str
@@ -76,22 +87,9 @@ def truth_paths(log: str | PathLike[str]) -> tuple[Path, Path]:
 def truth_json(truth: Truth) -> dict[str, Any]:
     """The truth as plain values; SI units, trunk frame."""
     return {
-        "robot": truth.robot,
-        "scenario": truth.scenario,
-        "errors": truth.errors,
-        "seed": truth.seed,
-        "slope": truth.slope,
+        **{name: getattr(truth, name) for name in ("robot", "scenario", "errors", "seed", "slope")},
         "controller": {"angular_stiffness": list(truth.stiffness)},
-        "trunk": [
-            {
-                "time": m.time,
-                "mass": m.mass,
-                "com": list(m.com),
-                "inertia": dict(zip(("xx", "xy", "xz", "yy", "yz", "zz"), m.inertia, strict=True)),
-                "payload": None if m.payload_com is None else {"mass": m.payload_mass, "com": list(m.payload_com)},
-            }
-            for m in truth.moments
-        ],
+        "trunk": [moment.to_dict() for moment in truth.moments],
         **({} if truth.drawn is None else {"drawn": truth.drawn}),
     }
 
@@ -108,24 +106,11 @@ def read_truth(path: str | PathLike[str]) -> Truth:
             errors=str(value["errors"]),
             seed=int(value["seed"]),
             slope=float(value["slope"]),
-            stiffness=tuple(map(float, value["controller"]["angular_stiffness"])),
-            moments=tuple(_moment(m) for m in value["trunk"]),
+            stiffness=_floats(value["controller"]["angular_stiffness"]),
+            moments=tuple(map(TruthAt.from_dict, value["trunk"])),
             drawn=value.get("drawn"),
         )
 
 
-def _moment(value: dict[str, Any]) -> TruthAt:
-    load = value["payload"]
-    return TruthAt(
-        float(value["time"]),
-        float(value["mass"]),
-        _triple(value["com"]),
-        tuple(float(v) for v in value["inertia"].values()),
-        0.0 if load is None else float(load["mass"]),
-        None if load is None else _triple(load["com"]),
-    )
-
-
-def _triple(values: Any) -> tuple[float, float, float]:
-    x, y, z = (float(v) for v in values)
-    return x, y, z
+def _floats(values: Any) -> tuple[float, ...]:
+    return tuple(float(value) for value in values)
