@@ -1,27 +1,21 @@
-"""Compiled averages are numpy's; refusals; measurements of any layout."""
+"""Refusals; measurements of any layout."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from reference_changes import ReferenceDetector
 
-from layout import ERRORS, LAYOUT
 from stadera.body import Body
 from stadera.robot import JointDynamics, Robot, load_robot
 from stadera.robot.imu import ImuMount
 from stadera.robot.stance import standing_configuration
 from stadera.trunk import Samples, TrunkEstimator, TrunkSettings
-from stadera.trunk.changes import ChangeDetector
 from stadera.trunk.front import Front
 from stadera.trunk.measurement import Measurement
-from stadera.trunk.segment import Segment, WeightedRows
-from stadera.trunk.settings import ChangeSettings
 
 MOUNT = ImuMount(np.eye(3), np.array([0.1, -0.05, 0.07]), "imu")
 MOUNT.translation.setflags(write=False)
@@ -53,11 +47,6 @@ def samples(name: str, rate: float, seed: int) -> Samples:
     return Samples(time, position, velocity, effort, waves(3, 0.5) + 0.003 * rng.standard_normal((n, 3)), force)
 
 
-def assert_near(found: np.ndarray, expected: np.ndarray, what: str) -> None:
-    """To 1e-9 of the largest entry."""
-    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * max(np.abs(expected).max(), 1e-300), err_msg=what)
-
-
 def test_blocks_are_refused() -> None:
     made, data = robot("hyq"), samples("hyq", 500.0, 0)
     position, force = data.position.copy(), data.specific_force.copy()
@@ -69,40 +58,6 @@ def test_blocks_are_refused() -> None:
     assert "accelerometer reads zero" in maker.block(table[:12]).refusal
     assert f"leg {made.legs[2].name} is so stretched" in maker.block(table[10:22]).refusal
     np.testing.assert_array_equal(maker.torque_noise, noise)
-
-
-def test_past_averages_are_those_of_numpy() -> None:
-    """Random rows over more blocks than the buffer holds; a restart; errors that change on the way."""
-    settings, rng = ChangeSettings(memory=4.0), np.random.default_rng(6)
-    scale = np.array([80.0, 50.0, 50.0, 50.0])
-    detectors = [kind(settings, scale, 0.02, LAYOUT) for kind in (ReferenceDetector, ChangeDetector)]
-    segment = Segment.prior(rng.standard_normal(10), np.full(10, 5.0), LAYOUT)
-    history = [segment]
-    for k in range(700):
-        columns = 0.1 * rng.standard_normal((6, 11 + ERRORS))
-        columns[:3, 4:10] = columns[3:, 0] = 0.0
-        columns[:3, 0], columns[[4, 5, 3], [3, 1, 2]] = (0.3, 0.1, 9.8), (0.2, -0.4, 9.7)
-        rows = WeightedRows(0.02 * k, columns, 1.0)
-        segment = segment.add(rows)
-        history.append(segment)
-        if k % 10 == 0:
-            mean = np.zeros(ERRORS)
-            mean[:40] = 0.1 * rng.standard_normal(40)
-            errors = SimpleNamespace(mean=mean, std=rng.uniform(0.1, 1.0, ERRORS))
-        if k % 10 == 5:
-            for detector in detectors:
-                detector.learn(history[max(k - 50, 0)], errors)
-        if k == 300:
-            for detector in detectors:
-                detector.restart(30)
-        near, far = history[max(k - 50, 0)], history[max(k - 106, 0)]
-        jumps = [detector.look(rows, near, far, errors, 1.3, held=True) for detector in detectors]
-        assert jumps == [None, None]
-        assert_near(detectors[1].suspected, detectors[0].suspected, "suspected")
-        assert detectors[1]._likely == detectors[0]._likely
-    for found, expected in zip(detectors[1]._spreads, detectors[0]._spreads, strict=True):
-        assert_near(found, expected, "spreads")
-    assert_near(detectors[1]._scatter, detectors[0]._scatter, "scatter")
 
 
 def test_measurements_of_any_layout_count_alike() -> None:

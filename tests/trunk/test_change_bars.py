@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from reference_changes import Deviations, ReferenceDetector
 from scipy.stats import norm, t
 
 from layout import LAYOUT
 from stadera.lab.scenarios.run import simulate
 from stadera.lab.scenarios.settings import Load, SimulateSettings
 from stadera.robot import load_robot
-from stadera.trunk.changes import Spread
+from stadera.trunk.changes import ChangeDetector, Deviations, Spread, Usual
 from stadera.trunk.estimator import TrunkEstimator
 from stadera.trunk.samples import Samples
 from stadera.trunk.settings import ChangeSettings
@@ -24,48 +22,39 @@ from stadera.weigh.at_rest import RestBlock, change_variance
 SETTINGS = ChangeSettings()
 SCALE = np.array([50.0, 30.0, 30.0, 30.0])
 BLOCK = 0.02
-AT = SETTINGS.windows.index(50)
+NONE = np.zeros((len(SETTINGS.windows), 4))
 
 
-def detector(samples: float = 1e6, blocks: int = 10**9) -> ReferenceDetector:
+def detector(samples: float = 1e6, blocks: int = 10**9) -> ChangeDetector:
     """One whose averages had a standard deviation of 0.01, seen in so many of them over so many blocks."""
-    made, windows = ReferenceDetector(SETTINGS, SCALE, BLOCK, LAYOUT), len(SETTINGS.windows)
-    made._set(Spread(np.full((windows, 4), 1e-4), np.zeros((windows, 4)), np.full(windows, samples)))
-    made._past_blocks = blocks
+    made, windows = ChangeDetector(SETTINGS, SCALE, BLOCK, LAYOUT), len(SETTINGS.windows)
+    made._spreads = Spread(np.full((windows, 4), 1e-4), np.zeros((windows, 4)), np.full(windows, samples))
+    made._past = Usual(blocks, np.ones(4), np.zeros(4), np.ones(4))
     return made
 
 
 def deviation(size: float, before: float = 0.0) -> Deviations:
-    """Of the average over fifty blocks, in mass alone."""
-    sizes = np.array([[size, 0.0, 0.0, 0.0]])
-    return Deviations(np.array([50]), sizes, 0.0 * sizes, 0.0 * sizes, np.full((1, 4), before))
+    """Of the average over the second of the windows, in mass alone."""
+    sizes = np.zeros((len(SETTINGS.windows), 4))
+    sizes[1, 0] = size
+    return Deviations(sizes, 0.0 * sizes, np.full(4, before))
 
 
 def test_a_spread_of_few_averages_is_students() -> None:
     limit = SETTINGS.deviations
     for samples in (3, 10):
-        ratio = detector(samples - SETTINGS.prior_averages)._largest(deviation(0.1), 1.0).ratio
+        ratio = detector(samples - SETTINGS.prior_averages)._largest(deviation(0.1), NONE).ratio
         assert ratio == pytest.approx(10.0 * limit / t.ppf(norm.cdf(limit), samples), rel=1e-6)
-    assert detector()._largest(deviation(0.1), 1.0).ratio == pytest.approx(10.0, rel=1e-3)
+    assert detector()._largest(deviation(0.1), NONE).ratio == pytest.approx(10.0, rel=1e-3)
 
 
 def test_the_earlier_estimate_has_a_spread_of_its_own() -> None:
-    for blocks, share in ((50, 1.0), (200, 0.25)):
-        found = detector(blocks=blocks)._largest(deviation(0.1), 1.0)
+    n = SETTINGS.windows[1]
+    for blocks, share in ((n, 1.0), (4 * n, 0.25)):
+        found = detector(blocks=blocks)._largest(deviation(0.1), NONE)
         assert found.variance[0] == pytest.approx(1e-4 * (1.0 + share))
-    found = detector()._largest(deviation(0.1, before=2e-4), 3.0)
+    found = detector()._largest(deviation(0.1, before=6e-4), NONE)
     assert found.variance[0] == pytest.approx(1e-4 + 6e-4)
-
-
-def test_a_suspected_change_fades() -> None:
-    made = detector()
-    made._likely = SETTINGS.confirmed
-    made._carry(np.array([0.02, 0.0, 0.0, 0.0]), persists=True)
-    assert made.suspected[0] == pytest.approx(1.0)
-    made._likely = 0
-    for _ in range(round(SETTINGS.memory / BLOCK)):
-        made._carry(np.zeros(4), persists=False)
-    assert made.suspected[0] == pytest.approx(np.exp(-1.0), rel=1e-3)
 
 
 def loaded_walk() -> tuple[TrunkEstimator, Samples]:
@@ -75,7 +64,7 @@ def loaded_walk() -> tuple[TrunkEstimator, Samples]:
     return TrunkEstimator(robot), Samples.of_recording(simulate(robot, "trot-load", settings).recording, robot)
 
 
-def test_a_tare_leaves_out_its_blocks_and_bars_say_what_is_suspected_and_what_errors_do() -> None:
+def test_a_tare_leaves_out_its_blocks_and_bars_say_what_errors_do() -> None:
     estimator, samples = loaded_walk()
     before = samples.time < 2.5
     estimator.add(samples[before])
@@ -96,10 +85,6 @@ def test_a_tare_leaves_out_its_blocks_and_bars_say_what_is_suspected_and_what_er
     assert payload is not None
     assert payload.mass == pytest.approx(8.0, abs=0.6)
     assert 0.6 < change.mass_std / payload.mass_std < 1.6  # both know the models' errors
-    estimator._changes.detector = SimpleNamespace(suspected=np.array([0.5, 0.0, 0.0, 0.0]))
-    more = estimator.payload
-    assert more is not None
-    assert more.mass_std == pytest.approx(np.hypot(payload.mass_std, 0.5), rel=1e-6)
 
 
 def test_at_rest_both_loads_of_a_change_have_noise_and_pose() -> None:

@@ -134,7 +134,7 @@ def test_a_load_too_light_for_a_name_is_weighed_all_the_same(share: float) -> No
 
 
 def test_a_load_that_comes_with_the_tare_is_weighed_though_no_change_is_detected() -> None:
-    blind = TrunkSettings(changes=ChangeSettings(deviations=1e3, suspected=1e3))
+    blind = TrunkSettings(changes=ChangeSettings(deviations=1e3, agreeing=1e3))
     s, estimator = samples(motion(), STANDARD, 3), TrunkEstimator(robot(), settings=blind)
     estimator.add(before(s, TARED - 0.02))
     estimator.tare()
@@ -188,10 +188,10 @@ def test_notices_a_load_that_is_taken_off_and_one_that_is_shifted() -> None:
 
 
 def test_is_as_sure_as_it_may_be() -> None:
-    """If errors that residuals do not show are as small as those that they show, as those of an exact model are."""
+    """Of an exact model, whose errors are as small as residuals show."""
     squares = []
     for seed in range(8):
-        estimator = TrunkEstimator(robot(), settings=TrunkSettings(scale_shared=1.0))
+        estimator = TrunkEstimator(robot())
         estimator.add(before(samples(motion(), STANDARD, 100 + seed), TARED))
         assert not estimator.changes
         off = error(estimator, trunk())
@@ -383,7 +383,7 @@ def test_bad_settings_are_named() -> None:
         (lambda: ChangeSettings(windows=(12, 6)), "windows"),
         (lambda: ChangeSettings(windows=()), "windows"),
         (lambda: ChangeSettings(windows=(6, 200)), "pending"),
-        (lambda: ChangeSettings(suspected=5.0), "suspected"),
+        (lambda: ChangeSettings(agreeing=5.0), "agreeing"),
         (lambda: SwingDetection(repeated=0.5), "repeated"),
         (lambda: SwingDetection(lift=0.0), "lift"),
     ],

@@ -79,7 +79,7 @@ def standardised(walk: Walk, scale: float) -> np.ndarray:
         segment = drawn(walk, scale, seed)
         fit = Fit.of(RowSums.of((segment,), 5.0), usual, SETTINGS)
         errors = Errors(model, swing, fit.scale)
-        std = np.sqrt(np.diag(errors.trunk_covariance(segment, 1.0)))
+        std = np.sqrt(np.diag(errors.trunk_covariance(segment)))
         found.append(((segment.mean(errors.mean) - truth) / std)[:3])
     return np.array(found)
 

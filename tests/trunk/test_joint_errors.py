@@ -40,7 +40,7 @@ def test_joints_whose_friction_is_known_stick_all_the_same(moved: bool) -> None:
     swing = SwingJoints(model, SwingDetection())
     if moved:
         terms = np.tile(np.array([[0.0], [1.0], [1.0], [1.0]]), 12)
-        swing.add(np.ones(4, dtype=bool), terms, np.zeros(12), np.zeros(12), np.full(12, 0.1), np.zeros(12))
+        swing.add(np.ones(4, dtype=bool), terms, np.zeros(12), np.zeros(12), np.full(12, 0.1))
     rows = RowSums(*np.zeros((2, 1 + ERRORS, 1 + ERRORS)), 100.0, 5.0)
     for summed in (None, rows):
         errors = Errors(model, swing, 1.0, summed)
@@ -170,40 +170,3 @@ def test_energies_are_those_of_the_sampling_error_and_of_the_others_without_it(s
     assert energy.mean() == pytest.approx(stated, rel=0.05)
     assert energy.var() == pytest.approx(2.0 * doubled, rel=0.2)
     assert 0.0 < own < products[1 + sampling, 1 + sampling]
-
-
-def test_noise_in_the_column_of_the_lag_is_subtracted() -> None:
-    """The lag that remains after half of its column's energy turned out to be noise is twice as large."""
-    lag, count = 1 + LAYOUT.places["torque_lag"].start, 1 + LAYOUT.count
-    products = np.zeros((count, count))
-    products[0, 0], products[lag, lag], products[0, lag] = 1e4, 1e12, 1e9
-    products[lag, 0] = products[0, lag]
-    swing = SwingJoints(MODEL, SwingDetection())
-    plain, cleaned = (
-        Errors(MODEL, swing, 1.0, RowSums(products, products, 1e3, 1.0, late=late)).mean[lag - 1]
-        for late in (0.0, 5e11)
-    )
-    assert plain == pytest.approx(1e-3, rel=0.05)
-    assert cleaned == pytest.approx(2.0 * plain, rel=0.1)
-
-
-def test_what_legs_in_the_air_said_of_the_lag_counts_without_its_noise_too() -> None:
-    """Against the dense solution, p = p_s + (P⁻¹ + N'/σ²)⁻¹ (right - N' p_s)/σ², N' without the noise."""
-    rng, swing, lag = np.random.default_rng(8), SwingJoints(MODEL, SwingDetection()), LAYOUT.places["torque_lag"].start
-    for _ in range(60):
-        rate, terms = 300.0 * rng.standard_normal(12), rng.standard_normal((4, 12))
-        swing.add(np.ones(4, dtype=bool), terms, rate, 3e-3 * rate, np.full(12, 0.1), np.zeros(12))
-    columns = rng.standard_normal((400, ERRORS)) * np.where(np.arange(ERRORS) < LEARNT.stop, 1.0, 0.0)
-    columns[:, lag] *= 2e3
-    true = np.where(np.arange(ERRORS) == lag, 5e-3, 0.0)
-    whole = np.column_stack([columns @ true, columns])
-    products, late = whole.T @ whole, 0.3 * float(columns[:, lag] @ columns[:, lag])
-    rows = RowSums(products, products, 1e4, 1.0, late=late)
-    found, before = Errors(MODEL, swing, 1.0, rows), Errors(MODEL, swing, 1.0)
-    part, count = LEARNT, LEARNT.stop
-    clean = products[1:, 1:][part, part].copy()
-    clean[lag, lag] -= late
-    p, P, noise = before.mean[part], before.covariance[part, part], 0.25  # the least residual that counts
-    expected = p + P @ np.linalg.solve(np.eye(count) + clean @ P / noise, products[1:, 0][part] - clean @ p) / noise
-    assert found.mean[lag] == pytest.approx(expected[lag], rel=1e-6)
-    assert abs(p[lag]) > 1e-3

@@ -77,8 +77,8 @@ def test_each_trunk_is_as_by_its_log_alone() -> None:
     merged = merge_trunks({"one": estimator(False).evidence})
     value, covariance = merged.trunk("one")
     alone = estimator(False)
-    assert value == pytest.approx(alone._current.mean(alone._errors.mean), rel=1e-9)
-    expected = alone._errors.trunk_covariance(alone._current, alone._scatter.value)
+    assert value == pytest.approx(alone._history.current.mean(alone._fit.errors.mean), rel=1e-9)
+    expected = alone._fit.errors.trunk_covariance(alone._history.current)
     np.testing.assert_allclose(covariance, expected, rtol=1e-6, atol=1e-9 * np.abs(expected).max())
 
 

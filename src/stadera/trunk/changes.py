@@ -14,63 +14,47 @@ those of the least squares that gave θ̂, so an average is compared with the Hu
 The variance of averages under a constant load is taken from the log: the mean square of past averages for each n, given
 the present estimates of the joints' errors, plus the effect of model errors when the robot moves as it did not before
 (it sets out, turns, stops). Long averages have few samples, so the limit in standard deviations is Student's. A change
-is reported when it exceeds both the least change and a number of standard deviations for several blocks in succession,
-fewer the longer its average is. A sustained push is reported as a change too: until it ends it cannot be distinguished
-from a load.
+is reported when it exceeds both the least change and a number of standard deviations for several blocks in succession.
+A sustained push is reported as a change too: until it ends it cannot be distinguished from a load.
 """
 
 from __future__ import annotations
 
-from bisect import bisect_right
-from dataclasses import dataclass
 from functools import lru_cache
-from math import exp
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import ndtr, stdtrit
 
-from stadera.constants import MEDIAN_OF_CHI2
-from stadera.trunk import change_kernel as kernel
+from stadera.compiled import compiled
+from stadera.inertia import skew
 from stadera.trunk.error_model import ErrorLayout
 from stadera.trunk.joint_errors import Errors
 from stadera.trunk.segment import Segment, WeightedRows
 from stadera.trunk.settings import ChangeSettings
 from stadera.types import Array
 
+Ints = NDArray[np.int64]
 
-@dataclass(frozen=True)
-class Jump:
+
+class Jump(NamedTuple):
     """A detected change.
 
     Attributes:
         blocks: the most likely number of blocks since it happened.
         reported: True if it exceeds the least change; a smaller one only restarts the estimate.
-        shown: (4,), variance of averages of this length over that expected from model errors, at most 1. Errors that
-            averages under a constant load do not show at their prior size have no larger effect on a change either.
     """
 
     blocks: int
     reported: bool
-    shown: Array
-
-
-class Largest(NamedTuple):
-    """The largest deviation: its number of blocks, its standard deviations, whether it is to be reported, and δ."""
-
-    blocks: int
-    ratio: float
-    reported: bool
-    size: Array
-    variance: Array
 
 
 class Spread(NamedTuple):
     """Spread of averages under a constant load, by window.
 
     Attributes:
-        square: (windows, 4) their mean square. usual: (windows, 4) variance due to model errors, not exceeded in nearly
-            all of them.
+        square: (windows, 4) their mean square. usual: (windows, 4) variance due to model errors, on average.
         samples: (windows,) number of independent averages.
     """
 
@@ -89,60 +73,80 @@ class Spread(NamedTuple):
         )
 
 
-class Blocks:
-    """Ring buffer of the latest blocks: running sums of the projected rows, and reduced rows.
+class Usual(NamedTuple):
+    """What is usual for single blocks of the past: their number, scatter, Huber mean and largest weight, (4,) each."""
 
-    Rows are projected on the specific force a, for the differences in mass and in first moment: a · r_force and
-    a x r_moment of A, b and C, and the square of a, (4, 10 + 1 + errors + 1). A sum over any range is the difference of
-    two running sums. The reduced rows (4, 12) hold A, b - C p and the weight: p is constant over many blocks, so a
-    residual costs ten products. Of C, only the columns are kept for which errors are estimated; p is zero elsewhere.
+    blocks: int
+    scatter: Array
+    centre: Array
+    heaviest: Array
+
+
+class Largest(NamedTuple):
+    """The deviation with most standard deviations: its number of blocks, standard deviations, δ, its variance, and
+    whether it exceeds the least change.
+    """
+
+    blocks: int
+    ratio: float
+    size: Array
+    variance: Array
+    reported: bool
+
+
+class Deviations(NamedTuple):
+    """Averages over the latest blocks, one for each window, in units of mass and first moment.
+
+    Attributes:
+        size: (windows, 4), δ. own: (windows, 4), variance due to noise in them; before: (4,), in the earlier estimate.
+    """
+
+    size: Array
+    own: Array
+    before: Array
+
+
+class Blocks:
+    """Ring buffer of the latest blocks: their rows, projected on the specific force a, and running sums of these.
+
+    Projected rows are a · r_force and a x r_moment of A, b and C, and the square of a: (4, 10 + 1 + errors + 1).
+    A sum over any range is the difference of two running sums.
     """
 
     def __init__(self, most: int, layout: ErrorLayout) -> None:
-        self._most, self.end, self.count, self._learnt = most, 0, 0, layout.learnt
-        self._rows = np.empty((2 * most, 4, 11 + layout.learnt.stop + 1))
-        self._reduced = np.empty((2 * most, 4, 12))
-        self.sums = np.zeros((2 * most + 1, 4, 10 + 1 + layout.count + 1))
-        self._errors, self._valid = np.zeros(layout.count), 0  # p, and the first row that is reduced with it
+        self._most, self.end, self.count = most, 0, 0
+        self.rows = np.empty((2 * most, 1 + 3, 11 + layout.count + 1))
+        self.sums = np.zeros((2 * most + 1, *self.rows.shape[1:]))
 
-    def push(self, rows: WeightedRows, errors: Array) -> None:
-        """Appends a block; p are the model errors."""
-        if self.end == len(self._rows):
-            self._move()
-        if errors is not self._errors:
-            self._errors, self._valid = errors, self.end
-        self._write(rows, self.end)
+    def push(self, rows: WeightedRows) -> None:
+        """Appends a block."""
+        if self.end == len(self.rows):  # the latest move to the buffer's beginning
+            kept, end = self._most, self.end
+            self.rows[:kept], self.sums[: kept + 1] = self.rows[end - kept :], self.sums[end - kept :]
+            self.sums[: kept + 1] -= self.sums[0].copy()
+            self.end = kept
+        of_force, of_moment = rows.columns[:3, 0], rows.columns[[4, 5, 3], [3, 1, 2]]  # a in the unit of each
+        new = self.rows[self.end]
+        new[0, :-1], new[1:, :-1] = of_force @ rows.columns[:3], skew(of_moment) @ rows.columns[3:]
+        new[0, -1], new[1:, -1] = of_force @ of_force, of_moment @ of_moment
+        self.sums[self.end + 1] = self.sums[self.end] + new
         self.end, self.count = self.end + 1, min(self.count + 1, self._most)
 
-    def reduced(self, n: int, errors: Array) -> Array:
-        """Reduced rows of the last n blocks, (n, 4, 12)."""
-        return self.all_reduced(n, errors)[self.end - n : self.end]
+    def singles(self, n: int, known: Segment, errors: Errors, scale: Array) -> tuple[Array, Array]:
+        """Of the last n blocks (n, 4): each one's own difference in units of `scale`, and its weight."""
+        rows, p = self.rows[self.end - n : self.end], errors.mean
+        weight = np.maximum(rows[..., -1], 1e-12)
+        residual = rows[..., :-1] @ np.concatenate([-known.mean(p), [1.0], -p])
+        return residual / (weight * scale), weight
 
-    def all_reduced(self, n: int, errors: Array) -> Array:
-        """Reduced rows (..., 4, 12), of which those of the n blocks before `end` are valid."""
-        if errors is not self._errors:
-            self._errors, self._valid = errors, self.end
-        if self.end - n < self._valid:
-            self._reduce(self.end - n, self._valid)
-            self._valid = self.end - n
-        return self._reduced
-
-    def _move(self) -> None:
-        """Moves the latest rows to the buffer's beginning."""
-        kept, end = min(self.count, self._most), self.end
-        self._rows[:kept], self._reduced[:kept] = self._rows[end - kept : end], self._reduced[end - kept : end]
-        self.sums[: kept + 1] = self.sums[end - kept :]
-        self.sums[: kept + 1] -= self.sums[0].copy()
-        self.end, self._valid = kept, max(self._valid - (end - kept), 0)
-
-    def _write(self, rows: WeightedRows, at: int) -> None:
-        """Writes a block's running sums and reduced rows."""
-        columns = np.ascontiguousarray(rows.columns)
-        kernel.push(columns, self._errors[self._learnt], self._rows, self._reduced, self.sums, at)
-
-    def _reduce(self, begin: int, end: int) -> None:
-        """Reduces rows of a range."""
-        kernel.reduce(self._rows, self._reduced, self._errors[self._learnt], begin, end)
+    def by_errors(self, begin: Ints, end: Ints, known: Segment, errors: Errors, scale: Array) -> Array:
+        """Variances (k, 4) of averages due to model errors, Σ (C - A K)² σ² of the summed rows over the square of
+        their weight; from `begin` to before `end`, (k,), both counted backwards from the last block.
+        """
+        totals = self.sums[self.end - end] - self.sums[self.end - begin]
+        moved = (totals[..., 11:-1] - totals[..., :10] @ known.sensitivity) * errors.std
+        variance = np.einsum("kce,kce->kc", moved, moved)
+        return np.asarray(variance / (np.maximum(totals[..., -1], 1e-12) * scale) ** 2)
 
 
 class ChangeDetector:
@@ -152,77 +156,60 @@ class ChangeDetector:
         settings: limits for a change.
         scale: (4,) units of mass and first moments: the robot's mass, and that times the leg's length.
         block: length of a block [s]. layout: places of the model errors.
-
-    Attributes:
-        suspected: (4,) [kg, kg·m], difference in mass and first moment over the latest blocks if a change is likely but
-            not yet certain. It decays, and is reset when a change is detected.
     """
 
     def __init__(self, settings: ChangeSettings, scale: Array, block: float, layout: ErrorLayout) -> None:
-        self.settings, self._scale, self._block, self._learnt = settings, scale, block, layout.learnt
-        self._short = tuple(n for n in settings.windows if n <= settings.pending)
+        self.settings, self._scale, self._block = settings, scale, block
+        self._windows = np.array(settings.windows)
         self._blocks = Blocks(round(settings.memory / block), layout)
-        windows = len(settings.windows)
+        shape = len(settings.windows), len(scale)
         # up to the last change of the load, and up to now
-        self._usual = Spread(np.full((windows, 4), settings.prior**2), np.zeros((windows, 4)), np.zeros(windows))
-        self._set(self._usual)
-        # single blocks: their number, scatter, Huber mean, largest weight
-        self._past_blocks = 0
-        self._scatter, self._centre, self._heaviest = np.full(4, settings.prior), np.zeros(4), np.full(4, np.inf)
-        self._persists = self._likely = 0
-        self._keep = exp(-block / settings.memory)
-        self.suspected, self._missed = np.zeros((2, 4))
+        self._usual = Spread(np.full(shape, settings.prior**2), np.zeros(shape), np.zeros(len(settings.windows)))
+        self._spreads = self._usual
+        self._past = Usual(0, settings.prior * np.ones_like(scale), np.zeros_like(scale), np.inf * scale)
+        self._persists = 0
 
     def restart(self, kept: int) -> None:
         """Restarts after a change of the load: only the last `kept` blocks belong to the new one."""
         self._persists, self._blocks.count, self._usual = 0, kept, self._spreads
-        self.suspected, self._missed = np.zeros((2, 4))
 
-    def look(
-        self, rows: WeightedRows, before: Segment, long_before: Segment, errors: Errors, scatter: float, held: bool
-    ) -> Jump | None:
+    def look(self, rows: WeightedRows, before: Segment, errors: Errors, held: bool) -> Jump | None:
         """Returns a change when the last block makes it certain, else None.
 
         Args:
             rows: the last block.
-            before, long_before: the estimate without the last `pending` blocks, and without twice as many.
+            before: the estimate without the last `pending` blocks.
             errors: mean and standard deviations of the model's errors.
-            scatter: κ, the excess scatter of summed rows.
             held: suppress reports, because the model does not fit.
         """
-        self._blocks.push(rows, errors.mean)
-        best = self._best(before, long_before, errors, scatter)
-        self._suspect(best)
-        self._persists = (self._persists + 1) * (best.ratio > self.settings.deviations and not held)
-        if self._persists < self.settings.persistence(best.blocks):
+        self._blocks.push(rows)
+        found, best = self._deviations(before, errors), None
+        if found is not None:
+            best = self._largest(found, np.zeros_like(found.size))
+            if best.ratio > self.settings.deviations:  # model errors only add to the variance
+                n = self._windows[: len(found.size)]
+                by_model = self._blocks.by_errors(n, np.zeros_like(n), before, errors, self._scale)
+                best = self._largest(found, by_model)
+        beyond = best is not None and best.ratio > self.settings.deviations and not held
+        self._persists = (self._persists + 1) * beyond
+        if best is None or self._persists < self.settings.confirmed:
             return None
-        blocks = self._placed(best, before if best.blocks in self._short else long_before, errors)
-        return Jump(blocks, best.reported, self._shown(best.blocks))
-
-    def _shown(self, blocks: int) -> Array:
-        """`Jump.shown`, with Student's factor for the few averages."""
-        at = self.settings.windows.index(blocks)
-        square = self._spreads.square[at] / self._student[at] ** 2
-        return np.asarray(np.minimum(square / np.maximum(self._spreads.usual[at], 1e-300), 1.0))
+        return Jump(self._placed(best, before, errors), best.reported)
 
     def returned(self, before: Segment, since: Segment, errors: Errors) -> bool:
         """True if the load is again what it was before a change: averages over the latest blocks agree with the
         estimate before, and not with that `since` the change. It was a push, or a foot that was caught.
         """
-        n = self.settings.back
-        if self._blocks.count < n:
+        settings = self.settings
+        if self._blocks.count < settings.back:
             return False
-        spread = self._spreads.square[self.settings.windows.index(n)]
+        at = settings.windows.index(settings.back)
 
         def ratio(segment: Segment) -> float:
-            singles, weights = self._singles(n, segment, errors)
-            weights = np.minimum(weights, self._heaviest)
-            size = (self._near(singles, _median(singles)) * weights).sum(axis=0) / np.maximum(
-                weights.sum(axis=0), 1e-12
-            )
-            return float((np.abs(size - self._centre) / np.sqrt(spread)).max())
+            means, _ = self._means(self._windows[at : at + 1], segment, errors)
+            return float((np.abs(means[0] - self._past.centre) / np.sqrt(self._spreads.square[at])).max())
 
-        return ratio(before) < self.settings.suspected and ratio(since) > self.settings.deviations
+        return ratio(before) < settings.agreeing and ratio(since) > settings.deviations
 
     def learn(self, before: Segment, errors: Errors) -> None:
         """Updates the spread of averages under a constant load.
@@ -230,104 +217,69 @@ class ChangeDetector:
         Uses all blocks except the last `pending`, in which a change may still be detected, and the present estimates of
         the model errors. Averages overlap by half, so two count as one sample.
         """
-        n = self._blocks.count - self.settings.pending
-        if n < 2 * min(self.settings.windows):
+        count, settings = self._blocks.count, self.settings
+        n = count - settings.pending
+        if n < 2 * settings.windows[0]:
             return
-        self._set(self._usual.updated(self._past(n, before, errors), self.settings.prior_averages))
+        singles, weights = (x[:n] for x in self._blocks.singles(count, before, errors, self._scale))
+        middle, heaviest = np.median(singles, axis=0), np.median(weights, axis=0)
+        scatter = np.maximum(_of_median(np.median(np.abs(singles - middle), axis=0)), 1e-6)
+        near, weights = settings.outlier * scatter, np.minimum(weights, heaviest)
+        sums = np.zeros((2, n + 1, len(self._scale)))
+        np.cumsum(np.clip(singles, middle - near, middle + near) * weights, axis=0, out=sums[0, 1:])
+        np.cumsum(weights, axis=0, out=sums[1, 1:])
+        centre = sums[0, -1] / sums[1, -1]
+        self._past = Usual(n, scatter, centre, heaviest)
+        past = Spread(*(np.zeros_like(x) for x in self._usual))
+        for k, m in enumerate(settings.windows):
+            first = np.arange(0, n - m, m // 2)
+            if len(first):
+                total, weight = sums[:, first + m] - sums[:, first]
+                squares = (total / weight - centre) ** 2
+                past.square[k] = squares.mean(axis=0)
+                by_model = self._blocks.by_errors(count - first, count - first - m, before, errors, self._scale)
+                past.usual[k] = by_model.mean(axis=0)
+                past.samples[k] = 0.5 * len(first)
+        self._spreads = self._usual.updated(past, settings.prior_averages)
 
-    def _set(self, spreads: Spread) -> None:
-        """Sets the spreads, with Student's factor of each."""
-        self._spreads, limit = spreads, self.settings.deviations
-        samples = (spreads.samples + self.settings.prior_averages).astype(int).tolist()
-        self._student = np.array([limit / _student(limit, n) for n in samples])
+    def _means(self, windows: Ints, known: Segment, errors: Errors) -> tuple[Array, Array]:
+        """Huber means of the latest blocks for each window, in units of `scale`, and their weights."""
+        singles, weights = self._blocks.singles(windows[-1], known, errors, self._scale)
+        usual = self._past
+        means, total = np.empty((2, len(windows), len(self._scale)))
+        huber_means(singles, weights, windows, self.settings.outlier * usual.scatter, usual.heaviest, means, total)
+        return means, total
 
-    def _past(self, n: int, before: Segment, errors: Errors) -> Spread:
-        """Spread of the averages over the first n blocks alone; also updates what is usual for single blocks."""
-        blocks, windows, settings = self._blocks, len(self.settings.windows), self.settings
-        square, usual, counts = np.zeros((windows, 4)), np.zeros((windows, 4)), np.zeros(windows, dtype=np.int64)
-        usually, self._past_blocks = np.empty((3, 4)), n
-        kernel.spreads(
-            blocks.all_reduced(blocks.count, errors.mean),
-            blocks.sums,
-            blocks.end - blocks.count,
-            n,
-            settings.phases,
-            np.array(settings.windows),
-            before.mean(errors.mean),
-            before.solution,
-            errors.std,
-            self._scale,
-            settings.outlier,
-            settings.clipped**2 / MEDIAN_OF_CHI2,
-            usually,
-            square,
-            usual,
-            counts,
-        )
-        self._scatter, self._centre, self._heaviest = usually
-        return Spread(square, usual, np.asarray(0.5 * counts, dtype=float))
+    def _deviations(self, before: Segment, errors: Errors) -> Deviations | None:
+        """Deviations of the latest blocks for each full window; None if the earlier estimate is of too few blocks."""
+        windows = self._windows[self._windows <= self._blocks.count]
+        if before.blocks * self._block < self.settings.history or not len(windows):
+            return None
+        means, weight = self._means(windows, before, errors)
+        known = (before.inverse[: len(self._scale)] ** 2).sum(axis=1) / self._scale**2
+        return Deviations(means - self._past.centre, 1.0 / (weight * self._scale**2), known)
 
-    def _suspect(self, best: Largest) -> None:
-        """Updates `suspected`: a likely change enters the error bars while it lasts. If it persists without being
-        detected, it stays in them, since the estimate has absorbed it.
+    def _largest(self, found: Deviations, by_errors: Array) -> Largest:
+        """The deviation with most standard deviations.
+
+        A window's variance is its spread, increased by the part of the present model errors' effect (windows, 4) that
+        exceeds the usual one. Changes below `least_change` count in long averages only, and update the estimate without
+        a report.
         """
-        self._likely = (self._likely + 1) * (best.ratio > self.settings.suspected)
-        self._carry(best.size, self._likely >= self.settings.confirmed)
-
-    def _carry(self, size: Array, persists: bool) -> None:
-        """Updates `suspected` with the largest deviation δ (4,)."""
-        self._missed = self._missed * self._keep
-        now = size * self._scale * (self._likely > 0)
-        if persists:
-            self._missed = np.where(np.abs(now) > np.abs(self._missed), now, self._missed)
-        self.suspected = np.where(np.abs(now) > np.abs(self._missed), now, self._missed)
-
-    def _best(self, before: Segment, long_before: Segment, errors: Errors, scatter: float) -> Largest:
-        """The deviation of the latest blocks with most standard deviations, from the estimate before short windows and
-        from the one before long windows.
-
-        A window's variance is its spread, increased by the part of the present model errors' effect that exceeds the
-        usual one. Changes below `least_change` count in long averages only, and update the estimate without a report.
-        """
-        blocks, settings = self._blocks, self.settings
-        full, found = bisect_right(settings.windows, blocks.count), np.empty((3, 4))
-        short = full if before.blocks * self._block >= settings.history else 0
-        long = full if long_before.blocks * self._block >= settings.history else 0
-        ratio = kernel.largest(
-            blocks.all_reduced(settings.windows[full - 1] if full else 0, errors.mean),
-            blocks.sums,
-            blocks.end,
-            np.array(settings.windows),
-            min(short, len(self._short)),
-            long,
-            np.ascontiguousarray(before.inverse),
-            before.solution,
-            np.ascontiguousarray(long_before.inverse),
-            long_before.solution,
-            errors.mean[self._learnt],
-            errors.std,
-            self._scale,
-            np.array([settings.outlier * self._scatter, self._centre, self._heaviest]),
-            self._spreads.square,
-            self._spreads.usual,
-            self._student,
-            scatter,
-            np.array([settings.least_change, settings.pending, len(self._short), self._past_blocks]),
-            found,
-        )
-        return Largest(int(found[0, 0]), ratio, bool(found[0, 1]), found[1], found[2])
-
-    def _singles(self, n: int, before: Segment, errors: Errors) -> tuple[Array, Array]:
-        """For the last n blocks (n, 4): each one's own difference in units of `scale`, and its weight."""
-        reduced = self._blocks.reduced(n, errors.mean)
-        left = reduced[..., 10] - reduced[..., :10] @ before.mean(errors.mean)
-        weight = reduced[..., 11]
-        return left / (np.maximum(weight, 1e-12) * self._scale), weight
-
-    def _near(self, singles: Array, middle: Array) -> Array:
-        """Single blocks (n, 4), clipped at Huber's limit from `middle`."""
-        limit = self.settings.outlier * self._scatter
-        return np.asarray(np.minimum(np.maximum(singles, middle - limit), middle + limit))
+        n, settings = len(found.size), self.settings
+        windows, square = self._windows[:n], self._spreads.square[:n]
+        spread = square + np.maximum(by_errors - self._spreads.usual[:n], 0.0)
+        # of the earlier estimate by its rows, or by the spread of as many averages as went into the Huber mean
+        known = np.maximum(found.before, windows[:, None] / max(self._past.blocks, 1) * square)
+        variance = np.maximum(spread, found.own) + known
+        ratios, large = np.abs(found.size) / np.sqrt(variance), np.abs(found.size) > settings.least_change
+        reported = np.asarray(large.any(axis=1))
+        ratios[reported] *= large[reported]
+        samples = (self._spreads.samples[:n] + settings.prior_averages).astype(int).tolist()
+        ratio = ratios.max(axis=1) * [settings.deviations / _student(settings.deviations, m) for m in samples]
+        ratio *= reported | (3 * windows > settings.pending)
+        k = int(np.argmax(ratio))
+        return Largest(int(windows[k]), float(ratio[k]), found.size[k], variance[k], bool(reported[k]))
 
     def _placed(self, best: Largest, before: Segment, errors: Errors) -> int:
         """Most likely number of blocks since the change.
@@ -336,15 +288,41 @@ class ChangeDetector:
         equally. The likelihood of a change at k is largest where Σ_{i≥k} (x_i - 1/2) is.
         """
         n = min(self._blocks.count, best.blocks + self.settings.pending)
-        singles, _ = self._singles(n, before, errors)
+        singles, _ = self._blocks.singles(n, before, errors, self._scale)
         along = best.size / best.variance
-        x = np.clip((singles - self._centre) @ along / (best.size @ along), -1.0, 2.0) - 0.5
+        x = np.clip((singles - self._past.centre) @ along / (best.size @ along), -1.0, 2.0) - 0.5
         return int(np.argmax(np.cumsum(x[::-1]))) + 1
 
 
-def _median(singles: Array) -> Array:
-    """Median over blocks, (4,) of (n, 4); of an even number, the upper one of the middle two."""
-    return np.asarray(np.partition(singles, len(singles) // 2, axis=0)[len(singles) // 2])
+@compiled(
+    "void(float64[:,::1], float64[:,::1], int64[::1], float64[::1], float64[::1], float64[:,::1], float64[:,::1])"
+)
+def huber_means(
+    singles: Array, weights: Array, windows: Ints, near: Array, heaviest: Array, means: Array, total: Array
+) -> None:
+    """Writes weighted means of the last blocks' differences, clipped about their median, and their weights.
+
+    Args:
+        singles, weights: (n, 4). windows: (k,), numbers of blocks. near, heaviest: (4,), limits of the distance from
+            the median and of the weight. means, total: (k, 4), written.
+    """
+    n = len(singles)
+    for k in range(len(windows)):
+        begin = n - windows[k]
+        for c in range(singles.shape[1]):
+            centre = np.sort(singles[begin:, c])[windows[k] // 2]
+            value = weight = 0.0
+            for i in range(begin, n):
+                own = min(weights[i, c], heaviest[c])
+                value += min(max(singles[i, c], centre - near[c]), centre + near[c]) * own
+                weight += own
+            total[k, c] = max(weight, 1e-12)
+            means[k, c] = value / total[k, c]
+
+
+def _of_median(deviation: Array) -> Array:
+    """Standard deviation of Gaussian values from their median absolute deviation."""
+    return np.asarray(1.5 * deviation)
 
 
 @lru_cache(maxsize=256)

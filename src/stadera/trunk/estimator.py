@@ -3,9 +3,9 @@
 1. Each block of 20 ms gives six equations A θ + C p = b of the trunk (`trunk.rows`) and, for legs in the air, equations
    of their joints alone (`trunk.swing`). θ are the trunk's ten parameters, p the errors of the robot's model.
 2. Joints' errors are estimated from legs in the air, whose equations contain no weight, and p together with θ from all
-   rows (`trunk.joint_errors`), with less weight for blocks that fit badly (`trunk.scatter`). What is uncertain of p
+   rows (`trunk.joint_errors`), with less weight for blocks that fit badly (`trunk.history`). What is uncertain of p
    enters the error bars, by a scale of its prior sizes that comes from the residuals (`trunk.fit`).
-3. Averages over the last 0.1 to 2 s are compared with the earlier estimate (`trunk.changes`). After a change of the
+3. Averages over the last 0.2 and 1 s are compared with the earlier estimate (`trunk.changes`). After a change of the
    load θ is estimated anew; that of p is kept.
 4. A tare stores the present trunk; the payload is the difference from it, in which constant errors cancel.
 
@@ -54,25 +54,23 @@ class _Reading:
 
     def __init__(self, of: TrunkEstimator) -> None:
         self._of, self._segment, self._errors, self._known = of, of._history.current, of._fit.errors, of._known
-        self._scatter, self._suspected = of._history.scatter.value, of._changes.detector.suspected
 
     @cached_property
     def parameters(self) -> TrunkParameters:
         """All ten parameters and their uncertainty."""
-        of, segment, covariance = self._of, self._segment, self._errors.trunk_covariance(self._segment, self._scatter)
-        covariance[:4, :4] += np.outer(self._suspected, self._suspected)
+        of, segment, covariance = self._of, self._segment, self._errors.trunk_covariance(self._segment)
         vector = segment.mean(self._errors.mean)
         by_scale = self._errors.by_scale(segment.sensitivity)
-        if (outside := _correction(self._known, self._errors, segment, self._scatter)) is not None:
+        if (outside := _correction(self._known, self._errors, segment)) is not None:
             vector, covariance, by_scale = outside.of_trunks({segment: np.eye(10)}, vector, covariance, by_scale)
         found = TrunkParameters.of(vector, covariance, of._start, of.robot.mass, of.robot.leg_length)
         return replace(found, mass_std_without_scale=without_scale(covariance[0, 0], by_scale[0]))
 
 
-def _correction(known: tuple[Knowledge, ...], errors: Errors, present: Segment, scatter: float) -> Correction | None:
+def _correction(known: tuple[Knowledge, ...], errors: Errors, present: Segment) -> Correction | None:
     """What is known from outside, of trunks that have rows; None if nothing."""
     ready = [k for k in known if all((segment or present).blocks for segment, _ in k.trunks)]
-    return Correction(ready, errors, present, scatter) if ready else None
+    return Correction(ready, errors, present) if ready else None
 
 
 @dataclass(frozen=True)
@@ -253,7 +251,7 @@ class TrunkEstimator:
             raise IdentificationError("a log whose fit is bad is not remembered")
         memory = memory.check(self.robot).faded(model.layout, days, settings)
         own = tuple(known for known in self._known if known.trunks)
-        outside = _correction(own, errors, self._history.current, self._history.scatter.value)
+        outside = _correction(own, errors, self._history.current)
         mean, covariance = (errors.mean, errors.covariance) if outside is None else outside.of_errors()
         variance = np.diag(covariance)
         what, apart = memory.contradiction(model.layout, model.variance, mean, variance, settings)
@@ -312,13 +310,9 @@ class TrunkEstimator:
         history, errors, p = self._history, self._fit.errors, self._fit.errors.mean
         if (tare := history.tare) is None:
             return None
-        missed = self._changes.detector.suspected
         now = history.current if history.loaded is None else history.loaded
         difference = now.mean(p) - tare.mean(p)
-        covariance = errors.difference_covariance(tare, now, history.scatter.value)
-        if history.loaded is not None and missed.any():  # the rows since the tare already contain part of it
-            missed = missed - (now.mean(p) - history.aged.mean(p))[:4]
-        covariance[:4, :4] += np.outer(missed, missed)
+        covariance = errors.difference_covariance(tare, now)
         by_scale = errors.by_scale(now.sensitivity - tare.sensitivity)
         if (outside := self._outside) is not None:
             weights = {now: np.eye(10), tare: -np.eye(10)}
@@ -349,11 +343,6 @@ class TrunkEstimator:
         return float(errors.mean[at]), float(errors.std[at])
 
     @property
-    def errors(self) -> Errors:
-        """Differences between the robot and its model, as estimated."""
-        return self._fit.errors
-
-    @property
     def drives(self) -> Drives:
         """Rotor inertia, friction and torque offsets of the legs' joints."""
         return Drives.of(self.robot, self._fit.model, self._fit.errors)
@@ -361,10 +350,9 @@ class TrunkEstimator:
     @property
     def evidence(self) -> TrunkEvidence:
         """Information on the trunk from the rows since the last change of the load, for merging with other logs."""
-        known = self._history.current.known.scaled_noise(float(np.sqrt(self._history.scatter.value)))
         errors = self._fit.errors
         return TrunkEvidence(
-            known,
+            self._history.current.known,
             errors.mean,
             errors.covariance,
             errors.prior,
@@ -430,7 +418,7 @@ class TrunkEstimator:
     @property
     def _outside(self) -> Correction | None:
         """What is known from outside, in place of the estimates."""
-        return _correction(self._known, self._fit.errors, self._history.current, self._history.scatter.value)
+        return _correction(self._known, self._fit.errors, self._history.current)
 
     def _adopt(self, time: float) -> None:
         """Adopts the present estimate of the trunk, unless it is implausible."""

@@ -82,13 +82,11 @@ class Fit:
     layout: ErrorLayout
 
     @classmethod
-    def of(cls, rows: RowSums, errors: Errors, settings: TrunkSettings, tails: float = 1.0) -> Fit:
+    def of(cls, rows: RowSums, errors: Errors, settings: TrunkSettings) -> Fit:
         """Evaluates the fit of rows of the same robot.
 
         Args:
             errors: p̂, and Σ0 of p at its prior size where nothing else is known.
-            tails: mean square of all residuals over that of the weighted ones. Blocks that fit badly count for less in
-                the estimate and in s, but not in the misfit.
         """
         sums, white, p = rows.remainder, rows.white, errors.mean
         products, joints = sums[1:, 1:], errors.layout.by_swing
@@ -99,13 +97,7 @@ class Fit:
         unsure = (settings.noise_known * white) ** 2 + more**2 / 3.0
         residual, noise = max(square, 0.0), white + more
         square = _scale_square(max(residual, white), (noise, unsure), (stated, 2.0 * doubled), settings.scale_spread)
-        return cls(
-            float(np.sqrt(square)), tails * residual / max(noise + stated, 1e-300), sums, p, noise, errors.layout
-        )
-
-    def shared_scale(self, settings: TrunkSettings) -> float:
-        """Scale of the errors that residuals do not show: s above one, s to the power of `scale_shared` below."""
-        return float(max(self.scale, self.scale**settings.scale_shared))
+        return cls(float(np.sqrt(square)), residual / max(noise + stated, 1e-300), sums, p, noise, errors.layout)
 
     @cached_property
     def remainder(self) -> Array:
@@ -195,7 +187,7 @@ class ModelFit:
     def add_swing(self, swing: SwingRows, front: Front) -> None:
         """Adds a block's rows of legs in the air."""
         if swing.air.any():
-            self.swing.add(swing.air, swing.terms, swing.rate, swing.residual, front.torque_noise, swing.late)
+            self.swing.add(swing.air, swing.terms, swing.rate, swing.residual, front.torque_noise)
 
     def update(self, history: History, front: Front) -> None:
         """Updates p̂, Σ and the fit if it is time to."""
@@ -204,8 +196,8 @@ class ModelFit:
         self.due = history.blocks + self._settings.wait(history.blocks)
         rows, layout = history.total, self.model.layout
         usual = Errors(self.model, self.swing, 1.0, rows, layout.by_swing)
-        self.fit = Fit.of(rows, usual, self._settings, history.robust.tails)
-        self.errors = Errors(self.model, self.swing, self.fit.shared_scale(self._settings), rows)
+        self.fit = Fit.of(rows, usual, self._settings)
+        self.errors = Errors(self.model, self.swing, self.fit.scale, rows)
         laws = [layout.places[name] for name in ("rotor", "viscous", "coulomb")]
         front.know_joints(*(np.array([x[law] for law in laws]) for x in (self.errors.mean, self.errors.std)))
         self.swing_misfit = self.swing.misfit if front.seen >= self._settings.evaluated else None

@@ -13,10 +13,44 @@ import numpy as np
 from stadera.robot.model import Robot
 from stadera.trunk.error_model import ErrorLayout
 from stadera.trunk.rows import BlockRows
-from stadera.trunk.scatter import RobustWeights, Scatter
 from stadera.trunk.segment import RowSums, Segment, WeightedRows, robot_weight, unit_of_rows, weighted
-from stadera.trunk.settings import TrunkSettings
+from stadera.trunk.settings import OutlierSettings, TrunkSettings
 from stadera.types import Array
+
+
+class RobustWeights:
+    """Weights of blocks by their residuals, as if these had Student's t distribution with ν degrees of freedom.
+
+    A block of n = 6 rows whose mean square is q times the usual one u counts for
+
+        w = (ν + n) / (ν + n q),      u = Σ w |r|² / (n Σ w)
+
+    as of the EM algorithm (Lange, Little and Taylor, Robust statistical modeling using the t distribution, J. Am. Stat.
+    Assoc. 84 (1989) 881). u is averaged over the latest blocks. Without them impacts and slips decide: masses of one
+    robot's walks differ twice as much.
+
+    Attributes:
+        usual: u [1], in the rows' unit; NaN before any. count: number of blocks that it is an average of.
+    """
+
+    def __init__(self, settings: OutlierSettings) -> None:
+        self._settings = settings
+        self.usual, self.count = np.nan, 0.0
+
+    def weight(self, rows: WeightedRows, known: Segment, errors: Array) -> float:
+        """w of a block, given the estimate and model errors p̂ (errors,); one before there are enough rows."""
+        settings = self._settings
+        if known.blocks < (settings.enough if np.isnan(self.usual) else settings.afresh):
+            return 1.0
+        residual = rows.residual(known.mean(errors), errors)
+        square = float(residual @ residual) / len(residual)
+        if np.isnan(self.usual):
+            self.usual = square
+        freedom, n = settings.freedom, len(residual)
+        weight = (freedom + n) / (freedom + n * square / max(self.usual, settings.least_usual))
+        self.count = min(self.count + 1.0, settings.remembered)
+        self.usual += weight * (square - self.usual) / self.count
+        return weight
 
 
 class Known(NamedTuple):
@@ -42,7 +76,6 @@ class History:
         finished: the last four loads before the present one.
         tare: the trunk at the last tare; None without one.
         loaded: the trunk by the rows since the tare alone, until a change is detected; None without a tare.
-        scatter: κ of the rows. robust: weights of the blocks.
     """
 
     def __init__(self, robot: Robot, prior: Array, layout: ErrorLayout, settings: TrunkSettings) -> None:
@@ -58,8 +91,7 @@ class History:
         self.tare: Segment | None = None
         self.loaded: Segment | None = None
         self._unused = 0  # next blocks that still contain samples before the tare
-        self.robust, self._since_tare = RobustWeights(settings.outliers), RobustWeights(settings.outliers)
-        self.scatter = Scatter(self._wide[:4], settings.memory / settings.block, settings.outliers)
+        self._robust, self._since_tare = RobustWeights(settings.outliers), RobustWeights(settings.outliers)
 
     @property
     def current(self) -> Segment:
@@ -79,7 +111,7 @@ class History:
     @property
     def total(self) -> RowSums:
         """Sums over all loads. Rows in which a change may still be detected do not count against the model."""
-        enough = self.aged.blocks >= self._settings.outliers.cluster or self.finished
+        enough = self.aged.blocks >= self._settings.outliers.enough or self.finished
         last = self.aged if enough else self.current
         return self._sum((last,)) if self._earlier is None else self._earlier.plus(last)
 
@@ -87,8 +119,7 @@ class History:
         """Adds a block, and returns its rows with their weight; `errors` are p̂."""
         keep = exp(-made.elapsed / self._settings.memory)
         rows = weighted(made, self._unit)
-        rows = replace(rows, weight=self.robust.weight(rows, self.current, errors))
-        self.scatter.count(rows, self.aged, errors)
+        rows = replace(rows, weight=self._robust.weight(rows, self.current, errors))
         self._known.append(self.current.add(rows, keep))
         self.recent.append(rows)
         self.blocks += 1
@@ -129,7 +160,6 @@ class History:
         self._known, self.recent = deque([segment]), deque(rows)
         for row in rows:
             self._known.append(self.current.add(row if weight is None else replace(row, weight=weight)))
-        self.scatter.restart()
 
     def _set(self, finished: tuple[Segment, ...], loaded: Segment | None) -> None:
         self.finished, self.loaded = finished, loaded

@@ -17,8 +17,7 @@ noise: static friction, the common scale of all torques, noise of the matrix. Th
 
     Σ = S + (S M_c/σ²) C (S M_c/σ²)ᵀ,      Σ_pc = -(S M_c/σ²) C
 
-Blocks in which most joints are at rest are left out: their columns are noise. The torques' white noise in the column of
-their lag is subtracted from M, else it would attenuate the lag.
+Blocks in which most joints are at rest are left out: their columns are noise.
 
 **The gains of single joints have a mean of zero.** A free mean of all gains takes up whatever is wrong: torques are in
 the target b and, with the same noise, in the gains' columns, so a common gain of minus one explains all residuals, and
@@ -36,7 +35,7 @@ from scipy.linalg import lapack
 
 from stadera.trunk.error_model import ErrorModel
 from stadera.trunk.segment import RowSums, Segment
-from stadera.trunk.swing import SwingJoints, without_noise
+from stadera.trunk.swing import SwingJoints
 from stadera.types import Array
 
 _QUIETEST = 0.25  # squared residuals below those of 0.5 % of the weight do not sharpen the estimate further
@@ -57,7 +56,6 @@ class Errors:
     Attributes:
         layout: places of the errors.
         mean: (errors,). covariance: Σ (errors, errors). std: (errors,).
-        start: (errors, errors), the covariance before any row, of errors that residuals show.
         prior, remaining: (errors, errors), the covariance before loaded rows, and that of p̂'s errors with those before:
             (P⁻¹ + M/σ²)⁻¹ is both their variance and their covariance with the prior's error.
     """
@@ -81,7 +79,6 @@ class Errors:
         before, rest, by_rest = self.covariance.copy(), slice(learnt.stop, count), None
         if rows is not None and rows.weight:
             by_rest = self._learn(_Root.of(covariance, np.sqrt(variance[learnt]), gain), rows, learnt)
-        self.start = scale**2 * model.covariance
         self._sticking = self._held(model, swing, sticking)
         before[stuck, stuck] = self.covariance[stuck, stuck] = self._sticking
         self.prior, self.remaining = before, self.covariance.copy()
@@ -99,16 +96,14 @@ class Errors:
         v = right - products[:, joints] @ p[joints]
         before = float(rows.in_motion[0, 0] - (right + v) @ p)
         normal, along = root.after(root.after(products[:, learnt]).T), root.after(v[None])[0]
-        lag = self.layout.places["torque_lag"].start
-        late = root.row(lag)
         square, loud, inverse, found = before, rows.repeats, normal, along
         for _ in range(2):  # the second pass uses the first one's residual
             loud = rows.repeats * max(square / (6.0 * rows.weight), _QUIETEST)
             system = normal / loud
             system.flat[:: len(system) + 1] += 1.0
             upper = np.triu(lapack.dpotri(lapack.dpotrf(system)[0])[0])
-            inverse, taken = without_noise(upper + np.triu(upper, 1).T, late, rows.late / loud)
-            found = inverse @ (along / loud + taken * p[lag] * late)
+            inverse = upper + np.triu(upper, 1).T
+            found = inverse @ along / loud
             square = before - float(found @ (2.0 * along - normal @ found))
         self.mean[learnt] += root.before(found[:, None])[:, 0]
         S = root.before(root.before(inverse).T)
@@ -152,38 +147,28 @@ class Errors:
         regression = self.layout.places["regression"]
         return [(regression, self.covariance[regression, regression]), (self.layout.sticking, self._sticking)]
 
-    def trunk_covariance(self, segment: Segment, scatter: float) -> Array:
-        """Covariance of a segment's trunk parameters, (10, 10); `scatter` is κ."""
+    def trunk_covariance(self, segment: Segment) -> Array:
+        """Covariance of a segment's trunk parameters, (10, 10)."""
         K = segment.sensitivity
-        return np.asarray(self._of_rows(segment, scatter) + K @ self.covariance @ K.T)
+        return np.asarray(self._of_rows(segment) + K @ self.covariance @ K.T)
 
-    def difference_covariance(self, first: Segment, second: Segment, scatter: float, stiction: bool = True) -> Array:
+    def difference_covariance(self, first: Segment, second: Segment) -> Array:
         """Covariance of the second segment's trunk parameters minus the first's, (10, 10).
 
         Errors that act on both alike cancel. Static friction of sticking joints may change with the load, and may even
         hide the load, so it does not cancel.
-
-        Args:
-            stiction: include a change of the static friction.
         """
         difference = second.sensitivity - first.sensitivity
-        total = self.rows_covariance(first, second, scatter, stiction)
-        total += difference @ self.covariance @ difference.T
-        for place, own in self._changing[: 2 if stiction else 1]:
+        total = self._of_rows(first) + self._of_rows(second) + difference @ self.covariance @ difference.T
+        for place, own in self._changing:
             K1, K2, D = (x[:, place] for x in (first.sensitivity, second.sensitivity, difference))
             total += K1 @ own @ K1.T + K2 @ own @ K2.T - D @ own @ D.T
         return np.asarray(0.5 * (total + total.T))
 
-    def rows_covariance(self, first: Segment, second: Segment, scatter: float, stiction: bool = True) -> Array:
-        """The part of `difference_covariance` that is due to the rows' scatter, and to static friction that varies."""
-        return self._of_rows(first, scatter, stiction) + self._of_rows(second, scatter, stiction)
-
-    def _of_rows(self, segment: Segment, scatter: float, stiction: bool = True) -> Array:
-        """Covariance (10, 10) due to the rows' scatter, and to static friction that varies while the robot sways."""
+    def _of_rows(self, segment: Segment) -> Array:
+        """Covariance (10, 10) due to the rows' noise, and to static friction that varies while the robot sways."""
         P = segment.inverse @ segment.inverse.T
-        if not stiction:
-            return np.asarray(scatter * P)
-        return np.asarray(scatter * P + P @ segment.sums.follows_motion(self._sticking, self._length) @ P)
+        return np.asarray(P + P @ segment.sums.follows_motion(self._sticking, self._length) @ P)
 
     def energies(self, products: Array) -> tuple[float, float, float]:
         """How the expected energy of the residual splits: that of the sampling error e, and of all others tr D Σ', with
@@ -219,12 +204,6 @@ class _Root:
         correlation = joints / np.outer(*2 * [np.where(size > 0.0, size, 1.0)])
         correlation.flat[:: len(size) + 1] += _ROUNDING
         return cls(size[:, None] * np.linalg.cholesky(correlation), std, gain)
-
-    def row(self, at: int) -> Array:
-        """L's row of one of the errors that legs in the air determine."""
-        out = np.zeros(len(self.std))
-        out[: len(self.joints)] = self.joints[at]
-        return out
 
     def after(self, rows: Array) -> Array:
         """rows L."""

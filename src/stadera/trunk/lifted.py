@@ -32,10 +32,9 @@ class Lifted:
     def __init__(self, body: Body, swing: SwingDetection, weight: float, length: float) -> None:
         self._joints, self._legs, self._part = body.in_legs, body.leg_of[body.in_legs], swing.part
         light, fast = swing.load * weight, swing.speed**2 * GRAVITY * length
-        limits = [swing.lift * length, fast, light**2, weight**2, light, swing.carried * weight]
+        limits = [swing.lift * length, fast, light**2, weight**2, swing.carried * weight]
         self._limits = np.array(limits)
         self.known, self.known_std = np.zeros((2, 3, len(body.in_legs)))
-        self._standing = np.zeros(len(body.legs))  # m, by how much each foot is higher than the others when it carries
 
     def legs(self, state: State, motion: Motion, force: Array, sure: Array, step: float) -> Bools:
         """Legs in the air throughout a block, (legs,).
@@ -49,7 +48,5 @@ class Lifted:
         parts, air = min(max(round(n * step / self._part), 1), n), np.empty(force.shape[1], dtype=bool)
         known = np.ascontiguousarray(self.known), np.ascontiguousarray(self.known_std)
         places = state.feet, state.pace, motion.normal
-        lifted_legs(
-            J, self._legs, state.to_wrench, force, moved, *known, *places, parts, self._limits, self._standing, air
-        )
+        lifted_legs(J, self._legs, state.to_wrench, force, moved, *known, *places, parts, self._limits, air)
         return air

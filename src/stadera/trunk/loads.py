@@ -1,4 +1,4 @@
-"""Changes of the load: detected, reported once they exceed their error bars, and withdrawn if they were a push."""
+"""Changes of the load: detected, weighed, and withdrawn if they were a push."""
 
 from __future__ import annotations
 
@@ -15,7 +15,6 @@ from stadera.trunk.joint_errors import Errors
 from stadera.trunk.load import SIGNIFICANT, ChangeKind, LoadChange, without_scale
 from stadera.trunk.segment import Segment, WeightedRows
 from stadera.trunk.settings import TrunkSettings
-from stadera.types import Array
 
 
 class Found(Enum):
@@ -26,12 +25,11 @@ class Found(Enum):
 
 @dataclass(frozen=True, eq=False)
 class _Change:
-    """A change whose new load is still being estimated, with the estimate before it; `shown` as in `Jump`."""
+    """A change whose new load is still being estimated, with the estimate before it."""
 
     time: float
     noticed: float
     before: Segment
-    shown: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,8 +46,7 @@ class _Rival:
 class LoadChanges:
     """Changes of one robot's load.
 
-    A detected change is a `candidate` until it exceeds its error bars, model errors included; then it is the one that
-    is `changing`, and its mass is that of the present estimate until the next change is reported.
+    The last one's mass is that of the present estimate, until the next one is detected.
 
     Args:
         robot: the model. layout: places of the model errors.
@@ -64,14 +61,13 @@ class LoadChanges:
         self.detector = ChangeDetector(settings.changes, scale, settings.block, layout)
         self._ended: tuple[LoadChange, ...] = ()
         self._changing: _Change | None = None
-        self._candidate: _Change | None = None
         self._rival: _Rival | None = None
 
     def all(self, history: History, errors: Errors) -> tuple[LoadChange, ...]:
         """All changes so far; the last one's mass is that of the present estimate."""
         if self._changing is None:
             return self._ended
-        return (*self._ended, self._weighed(self._changing, history.current, errors, history.scatter.value))
+        return (*self._ended, self._weighed(self._changing, history.current, errors))
 
     def keep(self) -> None:
         """Keeps the last change for good: its load was made the tare."""
@@ -79,16 +75,13 @@ class LoadChanges:
 
     def look(self, rows: WeightedRows, history: History, errors: Errors, held: bool) -> Found:
         """Looks for a change in the last block, and divides the history there; `held`: reports none."""
-        now, scatter = rows.time, history.scatter.value
-        if self._withdrawn(history, errors, now):
+        if self._withdrawn(history, errors, rows.time):
             return Found.BACK
-        jump = self.detector.look(rows, history.aged, history.oldest, errors, scatter, held)
-        if jump is not None:
-            self._divide(jump, history, errors, now)
-            return Found.OTHER
-        if history.blocks % self._settings.checked == 0:
-            self._report(history, errors, now)
-        return Found.SAME
+        jump = self.detector.look(rows, history.aged, errors, held)
+        if jump is None:
+            return Found.SAME
+        self._divide(jump, history, errors, rows.time)
+        return Found.OTHER
 
     def _divide(self, jump: Jump, history: History, errors: Errors, now: float) -> None:
         """Begins another load with the rows since a change."""
@@ -97,8 +90,10 @@ class LoadChanges:
         known = history.begin_load(blocks, errors.mean)
         rival = self._rival or _Rival(now, known, known.before, self._ended, self._changing)
         self._rival = replace(rival, since=history.current)
-        self._candidate = _Change(begun, now, known.before, jump.shown) if jump.reported else None
-        self._report(history, errors, now)
+        if jump.reported:
+            if self._changing is not None:
+                self._ended = (*self._ended, self._weighed(self._changing, known.before, errors))
+            self._changing = _Change(begun, now, known.before)
         self.detector.restart(len(history.recent))
 
     def _withdrawn(self, history: History, errors: Errors, now: float) -> bool:
@@ -109,41 +104,16 @@ class LoadChanges:
         if now - rival.time > self._settings.changes.transient:
             self._rival = None
         elif self.detector.returned(rival.known.before, rival.since, errors):
-            self._rival = self._candidate = None
+            self._rival = None
             self._ended, self._changing = rival.changes, rival.changing
             history.return_to(rival.known)
             self.detector.restart(len(history.recent))
             return True
         return False
 
-    def _report(self, history: History, errors: Errors, now: float) -> None:
-        """Reports the detected change once it exceeds its error bars; a change that never does is not reported."""
-        candidate = self._candidate
-        if candidate is None:
-            return
-        if self._exceeds_errors(candidate, history, errors):
-            if self._changing is not None:
-                ended = self._weighed(self._changing, candidate.before, errors, history.scatter.value)
-                self._ended = (*self._ended, ended)
-            self._changing, self._candidate = replace(candidate, noticed=now), None
-        elif now - candidate.noticed > self._settings.reported_within:
-            self._candidate = None
-
-    def _exceeds_errors(self, change: _Change, history: History, errors: Errors) -> bool:
-        """True if mass or first moment differ from the earlier ones by more than their errors, while no joint sticks.
-
-        Model errors count as far as averages under a constant load show them.
-        """
-        p, now, scatter = errors.mean, history.current, history.scatter.value
-        difference = (now.mean(p) - change.before.mean(p))[:4]
-        rows = errors.rows_covariance(change.before, now, scatter, stiction=False)
-        total = errors.difference_covariance(change.before, now, scatter, stiction=False)
-        own, both = np.diag(rows)[:4], np.diag(total)[:4]
-        return bool((np.abs(difference) > SIGNIFICANT * np.sqrt(own + change.shown * (both - own))).any())
-
-    def _weighed(self, change: _Change, now: Segment, errors: Errors, scatter: float) -> LoadChange:
+    def _weighed(self, change: _Change, now: Segment, errors: Errors) -> LoadChange:
         mass = float(now.mean(errors.mean)[0] - change.before.mean(errors.mean)[0])
-        variance = float(errors.difference_covariance(change.before, now, scatter)[0, 0])
+        variance = float(errors.difference_covariance(change.before, now)[0, 0])
         std = float(np.sqrt(variance))
         kind: ChangeKind = "on" if mass > 0 else "off"
         if abs(mass) < max(SIGNIFICANT * std, self._settings.changes.shifted * self._mass):

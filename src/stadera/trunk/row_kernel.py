@@ -11,7 +11,6 @@ from stadera.compiled import compiled
 from stadera.types import Array, Bools
 
 Ints = NDArray[np.int64]
-STANDING = 0.05  # smoothing factor of each foot's usual height, for blocks in which it is loaded
 
 
 @compiled(
@@ -74,7 +73,7 @@ def window_sums(
 
 @compiled(
     "void(int64[::1], int64[::1], float64[:,:,::1], float64[:,:,::1], float64[:,:,::1], float64[:,::1], "
-    "float64[:,::1], float64[:,:,::1], float64[:,:,::1], float64[::1], int64, float64[::1], float64[::1], boolean[::1])"
+    "float64[:,::1], float64[:,:,::1], float64[:,:,::1], float64[::1], int64, float64[::1], boolean[::1])"
 )
 def lifted_legs(
     joints: Ints,
@@ -89,7 +88,6 @@ def lifted_legs(
     normal: Array,
     parts: int,
     limits: Array,
-    standing: Array,
     air: Bools,
 ) -> None:
     """Legs in the air throughout a block of n samples, see `Lifted`.
@@ -99,11 +97,10 @@ def lifted_legs(
         moved: (n, 3, J), q̈, q̇ and s of the joints. known, known_std: (3, J).
         normal: (3,), of the ground. parts: number of averages over the block.
         limits: height of a lifted foot [m]; squared speed of one that moves [m²/s²]; squared force of a light one, the
-            robot's weight squared [N²]; load of a standing foot, and load of the others [N].
-        standing: (legs,), usual height of each foot over the others [m], updated. air: (legs,), written.
+            robot's weight squared [N²]; load of the others [N].
+        air: (legs,), written.
     """
     n, count = len(force), force.shape[1]
-    usually, stands = np.zeros(count), np.ones(count, dtype=np.bool_)
     for leg in range(count):
         air[leg] = True
     for p in range(parts):
@@ -126,7 +123,6 @@ def lifted_legs(
                     speed[leg, c] += pace[k, leg, c] / (end - begin)
                     height[leg] += feet[k, leg, c] * normal[c] / (end - begin)
         for leg in range(count):
-            height[leg] -= standing[leg]
             for c in range(3):
                 along[leg] += felt[leg, c] * normal[c]
         for leg in range(count):
@@ -144,11 +140,5 @@ def lifted_legs(
             fast = x * x + y * y + z * z
             for c in range(3):
                 square += felt[leg, c] ** 2
-            up = raised > limits[0]
             light = square < min(limits[2] + unsure[leg], limits[3])
-            air[leg] &= (up or fast > limits[1]) and light and carried > limits[5]
-            stands[leg] &= not up and along[leg] > limits[4]
-            usually[leg] += raised / parts
-    for leg in range(count):
-        if stands[leg]:
-            standing[leg] += STANDING * usually[leg]
+            air[leg] &= (raised > limits[0] or fast > limits[1]) and light and carried > limits[4]

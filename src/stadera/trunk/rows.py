@@ -104,7 +104,6 @@ class SwingRows:
     terms: Array
     rate: Array
     residual: Array
-    late: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,7 +113,7 @@ class BlockRows(Equations):
     Attributes:
         time: of the last sample [s]. elapsed: since the previous block [s].
         columns: (6, 10 + 1 + errors), of A, b [N, N·m] and C.
-        white: (6,), variances of the white noise. late: (6,), of that in the column of the torques' lag.
+        white: (6,), variances of the white noise.
         swing: rows in joint space.
     """
 
@@ -122,7 +121,6 @@ class BlockRows(Equations):
     elapsed: float
     columns: Array
     white: Array
-    late: Array
     swing: SwingRows
 
 
@@ -426,10 +424,9 @@ class RowMaker:
         white = _OVERLAP * (sums["squared"] + averaged * of_force * (K * K).sum(axis=1))
         by_velocity = (G * G) @ noise.velocity**2
         white += _TELESCOPED * differentiated * (of_gyro * (L_noise * L_noise).sum(axis=1) + by_velocity)
-        joint, rate = sums["joint"], differentiated * noise.torque**2
-        swing = SwingRows(first.air & second.air, joint[:4], joint[4], joint[5], rate)
-        late = sums["squared"] * (differentiated / averaged)
-        return BlockRows(second.end, elapsed, columns, white, late, swing)
+        joint = sums["joint"]
+        swing = SwingRows(first.air & second.air, joint[:4], joint[4], joint[5])
+        return BlockRows(second.end, elapsed, columns, white, swing)
 
 
 def signals_of(signals: Array) -> tuple[Array, Array, Array]:

@@ -2,10 +2,9 @@
 
 Rows A θ + C p = b, weighted by a constant W, are summed up to R θ + G p = z. With p of mean p̂ and covariance Σ,
 
-    θ̂ = R⁻¹ (z - G p̂),      cov θ̂ = κ R⁻¹ R⁻ᵀ + K Σ Kᵀ,      K = R⁻¹ G
+    θ̂ = R⁻¹ (z - G p̂),      cov θ̂ = R⁻¹ R⁻ᵀ + K Σ Kᵀ,      K = R⁻¹ G
 
-The rows that remain after θ is eliminated tell p (`stadera.trunk.joint_errors`). κ is the ratio of the actual scatter
-of summed rows to that given by W.
+The rows that remain after θ is eliminated tell p (`stadera.trunk.joint_errors`).
 """
 
 from __future__ import annotations
@@ -42,21 +41,19 @@ def by_force(length: float) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class WeightedRows(Equations):
-    """Six rows of one block, in the unit of `stadera.trunk.segment.weighted`.
+    """Six rows of one block, in the unit of `weighted`.
 
     Attributes:
         time: of the last sample [s].
         columns: (6, 10 + 1 + errors), of A, b and C.
-        white: variance of the white noise, summed over the six rows [1]. late: of that in the column of the torques'
-            lag [1/s²].
-        weight: of the rows in sums [1], see `stadera.trunk.scatter.RobustWeights`.
+        white: variance of the white noise, summed over the six rows [1].
+        weight: of the rows in sums [1], see `stadera.trunk.history.RobustWeights`.
     """
 
     time: float
     columns: Array
     white: float
     weight: float = 1.0
-    late: float = 0.0
 
     @classmethod
     def of(cls, time: float, matrix: Array, errors: Array, target: Array, white: float) -> WeightedRows:
@@ -129,7 +126,7 @@ class Segment:
         begin: time of the first row [s].
         blocks: number of blocks.
         sums: means and variation of the rows.
-        moved: sum of the weights of blocks in which the robot moves [1]. late: Σ of `WeightedRows.late` over these.
+        moved: sum of the weights of blocks in which the robot moves [1].
     """
 
     layout: ErrorLayout
@@ -141,7 +138,6 @@ class Segment:
     begin: float = np.nan
     blocks: int = 0
     moved: float = 0.0
-    late: float = 0.0
     _last: list[tuple[Segment, float, Array, bool]] = field(default_factory=list, repr=False)
 
     @classmethod
@@ -171,7 +167,6 @@ class Segment:
             rows.time if isnan(self.begin) else self.begin,
             self.blocks + 1,
             keep * self.moved + rows.weight * moving,
-            keep * self.late + rows.weight * moving * rows.late,
             [(self, keep, residue, moving)] if remainder else [],
         )
 
@@ -279,8 +274,7 @@ def unit_of_rows(robot_weight: float, length: float) -> Array:
 
 def weighted(rows: BlockRows, unit: Array) -> WeightedRows:
     """Scales rows to their `unit_of_rows`."""
-    white, late = (float((own / unit**2).sum()) for own in (rows.white, rows.late))
-    return WeightedRows(rows.time, rows.columns / unit[:, None], white, late=late)
+    return WeightedRows(rows.time, rows.columns / unit[:, None], float((rows.white / unit**2).sum()))
 
 
 @dataclass(frozen=True, eq=False)
@@ -293,7 +287,6 @@ class RowSums:
         repeated: number of successive rows with the same error [1], which persists through a swing or a stance.
         returning: number of rows after which such errors have returned, so that further rows tell nothing new [1].
         white: Σ of all rows' white variance [1].
-        late: Σ of its variance in the column of the torques' lag, over rows in motion [1/s²].
     """
 
     remainder: Array
@@ -302,13 +295,12 @@ class RowSums:
     repeated: float
     white: float = 0.0
     returning: float = float("inf")
-    late: float = 0.0
 
     @classmethod
     def of(cls, segments: Sequence[Segment], repeated: float, returning: float = float("inf")) -> RowSums:
         """Sums up segments of the same robot."""
         first, *others = segments
-        total = cls(first.remainder, first.in_motion, first.moved, repeated, first.white, returning, first.late)
+        total = cls(first.remainder, first.in_motion, first.moved, repeated, first.white, returning)
         for segment in others:
             total = total.plus(segment)
         return total
@@ -322,7 +314,6 @@ class RowSums:
             self.repeated,
             self.white + segment.white,
             self.returning,
-            self.late + segment.late,
         )
 
     @property

@@ -152,15 +152,12 @@ class ChangeSettings:
         least_change: change of mass as a share of the robot's mass, or of first moment over mass times leg length [1].
         deviations: number of standard deviations that a change must exceed.
         windows: lengths of the averages that are compared with the earlier estimate [blocks].
-        confirmed: number of blocks for which it must persist in the shortest of these averages.
-        confirmed_long: number of blocks for which it must persist in long ones, which are themselves evidence of
-            persistence; see `persistence`.
+        confirmed: number of blocks for which it must persist.
         history: time of data needed before a change can be reported [s].
-        pending: latest blocks excluded from the earlier estimate, for averages up to this length; twice that for longer
-            ones.
-        suspected: number of standard deviations above which an uncertain change enters the error bars.
+        pending: latest blocks excluded from the earlier estimate, at least as many as the longest average.
         back: length of the average, one of `windows`, by which a load that is back to what it was before a change is
-            recognised [blocks]: a stance.
+            recognised [blocks]: a stance. The change was a push.
+        agreeing: number of standard deviations within which it is back.
         transient: time within which a change that goes back is withdrawn [s]: nobody loads and unloads a robot that
             fast; people push and feet are caught for up to a second.
         spoilt: blocks skipped after the change, which contain both loads.
@@ -169,28 +166,23 @@ class ChangeSettings:
         outlier: distance from the median of a window at which a single block is clipped, in units of the usual scatter
             of single blocks [1]. Huber's mean: 2 costs 1 % of efficiency under Gaussian noise.
         shifted: change of mass, as a share of the robot's mass, below which a change is reported as a shift [1].
-        clipped: number of standard deviations at which a past average is clipped in their mean square.
-        phases: share of the phases of a step in which model errors are at most their usual ones [1].
         prior_averages: number of independent averages that `prior` counts as.
     """
 
     least_change: float = 0.015
     deviations: float = 4.25
-    windows: tuple[int, ...] = (6, 12, 18, 25, 50, 100)
+    windows: tuple[int, ...] = (6, 14, 25, 40)
     confirmed: int = 8
-    confirmed_long: int = 5
     history: float = 0.8
     pending: int = 56
-    suspected: float = 3.0
-    back: int = 12
+    back: int = 14
+    agreeing: float = 3.0
     transient: float = 2.0
     spoilt: int = 2
     memory: float = 10.0
     prior: float = 0.005
     outlier: float = 2.0
     shifted: float = 0.005
-    clipped: float = 3.0
-    phases: float = 0.9
     prior_averages: float = 1.0
 
     def __post_init__(self) -> None:
@@ -199,53 +191,40 @@ class ChangeSettings:
             raise StaderaError(
                 f"ChangeSettings.windows need lengths of 2 blocks and more that grow, got {self.windows}"
             )
-        if self.windows[-1] > 2 * self.pending or self.windows[0] > self.pending:
+        if self.windows[-1] > self.pending:
             raise StaderaError(
-                f"ChangeSettings.windows must fit into twice the {self.pending} pending blocks, the first into these, "
-                f"got {self.windows}"
+                f"ChangeSettings.windows must fit into the {self.pending} pending blocks, got {self.windows}"
             )
         if self.back not in self.windows:
             raise StaderaError(f"ChangeSettings.back must be one of the windows {self.windows}, got {self.back}")
         if self.prior_averages < 1.0:
             raise StaderaError(f"ChangeSettings.prior_averages must be at least 1, got {self.prior_averages}")
-        if self.phases > 1.0:
-            raise StaderaError(f"ChangeSettings.phases is a share, at most 1, got {self.phases}")
-        if self.suspected > self.deviations:
+        if self.agreeing > self.deviations:
             raise StaderaError(
-                f"ChangeSettings.suspected ({self.suspected}) must not exceed deviations ({self.deviations})"
+                f"ChangeSettings.agreeing ({self.agreeing}) must not exceed deviations ({self.deviations})"
             )
-
-    def persistence(self, blocks: int) -> int:
-        """Number of blocks for which a change must persist in an average over a number of blocks: as many fewer as the
-        average is longer than the shortest one.
-        """
-        return max(self.confirmed - (blocks - self.windows[0]), min(self.confirmed, self.confirmed_long))
 
 
 @dataclass(frozen=True)
 class OutlierSettings:
-    """Criteria for blocks that fit far worse than usual, and for sums of rows that scatter more than their weights say.
+    """Criteria for blocks that fit far worse than usual.
 
     Attributes:
-        cluster: number of blocks whose sum of residuals is compared with its predicted variance: half a second.
+        enough: number of blocks needed before blocks are compared with the estimate: half a second.
         afresh: number of blocks of a new load, against which a block is compared with what was usual before.
         freedom: degrees of freedom of Student's t, by which blocks that fit worse than usual count for less [1]. Lange
-            et al. (1989), see `stadera.trunk.scatter`, take four for data of unknown law. Residuals of six rows at once
+            et al. (1989), see `RobustWeights`, take four for data of unknown law. Residuals of six rows at once
             are less heavy-tailed, and phases of a step with small residuals, where joints stick, must not decide alone.
         least_usual: least mean square of usual residuals, in the rows' unit [1]: residuals below 0.5 % of the weight
             do not define the usual ones.
-        outlier: multiple of the usual mean square up to which a block counts in the misfit [1]: an impact is no misfit.
         remembered: number of blocks over which usual residuals are averaged: two seconds, several steps.
-        prior_clusters: number of clusters that the prior of the scatter, one, counts as.
     """
 
-    cluster: int = 25
+    enough: int = 25
     afresh: int = 6
     freedom: float = 10.0
     least_usual: float = 0.25
-    outlier: float = 4.0
     remembered: float = 100.0
-    prior_clusters: float = 4.0
 
     def __post_init__(self) -> None:
         _positive(self)
@@ -262,15 +241,10 @@ class TrunkSettings:
         swing: criteria for a swinging leg.
         changes: criteria for reporting a change of the load.
         outliers: criteria for blocks that fit far worse than usual.
-        reported_within: time after which a change that stays within its error bars is no longer reported [s].
-        checked: number of blocks between two tests whether a change is still within its error bars.
         after_change: standard deviation of the trunk after a change, as a share of the widest prior [1].
         settled: time of data after which an estimate counts as converged [s].
         scale_spread: standard deviation of the logarithm of the model errors' scale before any data [1]. The sizes in
             `ModelErrors` come from few robots; they are taken to be right for others within a factor of three (95 %).
-        scale_shared: share of ln s that holds for errors that residuals do not show, where these are smaller than usual
-            [1]. Robots whose rotors and friction are as their model says tend to have good feet and encoders too, but
-            need not; assumed. Larger errors than usual are taken for all of them.
         impact: half the difference between the forces of odd and of even samples above which a block is left out, share
             of the weight [1]: as much as a foot carries on four. The log's rate does not resolve the accelerations of
             such a block, and noise of that size in the equations' matrix makes the trunk lighter, which no error bar
@@ -296,12 +270,9 @@ class TrunkSettings:
     swing: SwingDetection = field(default_factory=SwingDetection)
     changes: ChangeSettings = field(default_factory=ChangeSettings)
     outliers: OutlierSettings = field(default_factory=OutlierSettings)
-    reported_within: float = 2.0
-    checked: int = 3
     after_change: float = 0.3
     settled: float = 0.5
     scale_spread: float = 0.55
-    scale_shared: float = 0.5
     impact: float = 0.25
     stop: float = 0.015
     updated: int = 10
@@ -323,7 +294,6 @@ class TrunkSettings:
         if not (2 <= self.updated <= self.updated_late and self.grown >= 0.0 and self.impact > 0.0):
             raise StaderaError(f"weighing needs 2 ≤ updated ≤ updated_late, grown ≥ 0 and impact > 0, got {self}")
         rest = (
-            "checked",
             "after_change",
             "evaluated",
             "lost",

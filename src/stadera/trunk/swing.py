@@ -6,9 +6,7 @@ A leg in the air has no contact force, so each of its joints obeys
 
 with h of the rigid bodies, s the smoothed sign of q̇ and d the torques' lag, common to all joints. The trunk's mass
 does not enter these rows, so wrong torques under load cannot affect them. A friction law errs alike over a whole swing,
-so `repeated` rows count as one. White noise of τ is in the column of d too, where it would attenuate d towards zero
-(errors in variables), so its expected energy is subtracted from the normal matrix. It stays in the residual: d times
-that noise is noise of the rows.
+so `repeated` rows count as one.
 """
 
 from __future__ import annotations
@@ -29,25 +27,6 @@ _STEP = (
 )
 _STEP_WILD = 6.0  # times the usual residual of all joints
 _WILD = 5.0  # standard deviations of the residual, beyond which a row is skipped
-_REAL = 0.25  # least share of what a column tells besides all others that is not noise
-
-
-def without_noise(inverse: Array, column: Array, noise: float) -> tuple[Array, float]:
-    """Subtracts the energy of noise in one column from a system of normal equations.
-
-    With u = A⁻¹ v, (A - c v vᵀ)⁻¹ = A⁻¹ + c u uᵀ / (1 - c vᵀ u). A is positive definite without it as long as
-    c < 1 / vᵀ u, the information of this column besides all others. Of that at least `_REAL` is kept.
-
-    Args:
-        inverse: A⁻¹, (n, n). column: v, (n,), the column in the system's coordinates. noise: c.
-
-    Returns:
-        The inverse, and the energy that was subtracted.
-    """
-    along = inverse @ column
-    told = float(column @ along)
-    taken = min(noise, (1.0 - _REAL) / told)
-    return np.asarray(inverse + (taken / (1.0 - taken * told)) * np.outer(along, along)), taken
 
 
 class SwingJoints:
@@ -71,22 +50,21 @@ class SwingJoints:
         self._at = np.array(laws)[:, None] + self._each
         self._prior = np.linalg.inv(errors.covariance[layout.by_swing, layout.by_swing])
         self._normal, self._right = np.zeros((count, count)), np.zeros(count)
-        self._square, self._late, self.rows = 0.0, 0.0, 0
+        self._square, self.rows = 0.0, 0
         self._last, self._limit_square = np.zeros(count), np.inf
         self._expected, self._loud = np.zeros(count), np.inf
         self._joints = np.zeros((3, layout.joints))
         self._averaged, self._average, self.stepped = self._joints
         self._found: dict[float, tuple[Array, Array]] = {}  # by scale: at one, and at the last other one
 
-    def add(self, air: Bools, terms: Array, rate: Array, residual: Array, white: Array, late: Array) -> None:
+    def add(self, air: Bools, terms: Array, rate: Array, residual: Array, white: Array) -> None:
         """Adds one block.
 
         Args:
             air: (legs,) bool, the legs in the air throughout the block.
             terms: (4, joints), averages of q̈, q̇, s and 1 by joint.
             rate: (joints,) [N·m/s], of the torques. residual: (joints,) [N·m], h - τ_measured.
-            white: (joints,) [N·m], standard deviation of its white noise. late: (joints,) [N²·m²/s²], variance of
-                that in `rate`.
+            white: (joints,) [N·m], standard deviation of its white noise.
         """
         rows = np.zeros((len(rate), len(self._right)))
         rows[self._each, self._at] = terms
@@ -103,7 +81,6 @@ class SwingJoints:
         self._normal += weighted.T @ rows
         self._right -= weighted.T @ residual
         self._square += float(weight[used] @ residual**2)
-        self._late += float(weight[used] @ late[used])
         self.rows += len(rows)
         self._found.clear()
 
@@ -150,12 +127,11 @@ class SwingJoints:
 
     def _least_squares(self, scale: float) -> tuple[Array, Array, float]:
         loud, information, mean = self._settings.repeated, self._prior, self._right
-        covariance, lag = information, np.zeros(len(mean))
-        lag[self._lag] = 1.0
+        covariance = information
         for _ in range(2):  # the second pass uses the first one's residual
             information = self._normal / loud + self._prior / scale**2
             upper = np.triu(lapack.dpotri(lapack.dpotrf(information)[0])[0])
-            covariance, _ = without_noise(upper + np.triu(upper, 1).T, lag, self._late / loud)
+            covariance = upper + np.triu(upper, 1).T
             mean = covariance @ self._right / loud
             if self.rows > len(mean):
                 square = self._square - mean @ (2.0 * self._right - self._normal @ mean)
