@@ -115,7 +115,8 @@ def explained(footing: Footing) -> list[tuple[Hypothesis, Consistency]]:
     footing = replace(footing, blocks=footing.blocks.thinned(limits.trial_instants, limits))
     now = Consistency.of(footing)
     scales = torque_scales(robot, now.loads / now.weight, limits.lightest, limits.heaviest)
-    tried = ((one, Consistency.of(footing.after(one.undo))) for one in chain(_at_rest(footing, now), scales))
+    all_of_them = chain(hypotheses_at_rest(robot, limits.orders, imu=now.imu), scales)
+    tried = ((one, Consistency.of(footing.after(one.undo))) for one in all_of_them)
     fitting = [(one, fit) for one, fit in tried if fit.cost <= limits.much_better * now.cost and not any(fit.faults())]
     if not fitting:
         return []
@@ -123,10 +124,6 @@ def explained(footing: Footing) -> list[tuple[Hypothesis, Consistency]]:
     best = next(entry for entry in fitting if entry[1].cost <= least + limits.same)
     near = sorted((entry for entry in fitting if entry is not best), key=lambda entry: entry[1].cost)
     return [best, *[entry for entry in near if entry[1].cost < least + limits.similar][:2]]
-
-
-def _at_rest(footing: Footing, now: Consistency) -> Iterator[Hypothesis]:
-    return hypotheses_at_rest(footing.robot, footing.limits.orders, imu=now.imu)
 
 
 def explained_by_motion(footing: Footing) -> list[tuple[Hypothesis, Gain, Footing]]:
