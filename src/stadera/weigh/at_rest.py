@@ -158,7 +158,6 @@ class AtRest(StepEstimator):
 
     Attributes:
         blocks: at rest so far.
-        spikes, impacts, torque_lag: unknown to it.
     """
 
     def __init__(self, robot: Robot, locate: Locate, settings: WeighSettings, no_imu: str = "") -> None:
