@@ -19,10 +19,10 @@ from typing import Any
 from stadera.report.numbers import number
 
 FOLDER = Path(__file__).parent
-STUDIES = ("reality", "real_walks", "faults")
+STUDIES = ("reality", "mini_cheetah", "faults")
 PAGES = (
     *(FOLDER / f"{name}.md" for name in ("experiments", "comparison", "walking")),
-    *(FOLDER / "validation" / f"{name}.md" for name in STUDIES),
+    *(FOLDER / "validation" / f"{name}.md" for name in ("reality", "real_walks", "faults")),
 )
 RESULTS = FOLDER / "results"
 Record = dict[str, Any]

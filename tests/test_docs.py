@@ -218,7 +218,9 @@ def test_tables_of_the_experiments_are_those_of_the_runs() -> None:
     commands_listed = [line.split("`")[1] for line in page.splitlines() if line.startswith("| `stadera reproduce")]
     assert len(commands_listed) == len(set(commands_listed)), "a row a command"
     kept = {path.stem for path in made.RESULTS.glob("*.json")}
-    assert {"table1", "fig4", "fig5", "fig6", "demo"} <= kept <= {*made.TIMES, "demo", "peers", "survival"}
+    assert (
+        {"table1", "fig4", "fig5", "fig6", "demo"} <= kept <= {*made.TIMES, *made.STUDIES, "demo", "peers", "survival"}
+    )
     assert sum(path.stat().st_size for path in made.RESULTS.iterdir()) < 300_000
 
 

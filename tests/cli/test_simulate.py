@@ -12,8 +12,9 @@ import pytest
 
 from stadera.lab.scenarios.catalog import SCENARIOS, scenario_named
 from stadera.lab.scenarios.settings import SimulateSettings
-from stadera.logs import read
+from stadera.logs import Recording, read, write_table
 from stadera.robot import load_robot
+from stadera.robot.stance import standing_configuration
 from stadera.weigh.truth import read_truth
 
 Run = Callable[..., Any]
@@ -91,8 +92,9 @@ def test_a_leg_belongs_to_a_swing(run: Run, tmp_path: Path) -> None:
 
 def test_every_scenario_has_events_within_its_time() -> None:
     robot = load_robot("hyq")
+    table = Recording(np.linspace(0.0, 5.0, 11), robot.tree.joints, np.zeros((11, 12)))
     for name, scenario in SCENARIOS.items():
-        events = scenario.script(robot, SimulateSettings(), scenario.duration)
+        events = scenario.script(robot, SimulateSettings(motion=table), scenario.duration)
         assert all(0.0 <= event.time < scenario.duration for event in events), name
     assert len(scenario_named("poses").script(robot, SimulateSettings(), 33.0)) == 11
 
@@ -123,3 +125,25 @@ def test_bad_requests(
     if code == 1:
         assert finished.err.count("\n") == 1
     assert not list(tmp_path.iterdir())
+
+
+def test_a_motion_is_played_twice_with_a_load_in_between(tmp_path: Path, run: Run) -> None:
+    robot = load_robot("go2")
+    time = np.linspace(0.0, 2.0, 101)
+    position = np.tile(standing_configuration(robot), (101, 1))
+    swing = 0.08 * np.sin(2.0 * np.pi * time) * np.sin(0.5 * np.pi * time)
+    position[:, 2::3] += swing[:, None]  # all knees: the trunk goes up and down
+    table = write_table(Recording(time, robot.tree.joints, position, source="bounce"), tmp_path / "bounce.csv")
+    out = tmp_path / "log.csv"
+    ended = run("simulate", "motion", "--motion", table, "--robot", "go2", "--load", "1kg", "--out", out)
+    assert ended.code == 0, ended.err
+    log, truth = read(out), json.loads((tmp_path / "log.truth.json").read_text())
+    assert [moment["time"] for moment in truth["trunk"]] == [0.0, pytest.approx(3.5, abs=0.01)]
+    knee = log.position[:, log.joints.index(robot.tree.joints[2])]
+    moving = [(log.time > begin) & (log.time < begin + 2.0) for begin in (1.0, 4.0)]
+    assert all(np.ptp(knee[part]) > 0.1 for part in moving)
+    assert np.ptp(knee[(log.time > 0.3) & (log.time < 0.9)]) < 0.02
+    refused = run("simulate", "stand", "--motion", table, "--robot", "go2", "--out", out)
+    assert refused.code == 2
+    assert "scenario motion" in refused.err
+    assert run("simulate", "motion", "--robot", "go2", "--out", out).code == 2

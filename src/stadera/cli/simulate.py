@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from stadera.lab.scenarios.settings import SimulateSettings
     from stadera.robot import Robot
 
-_SCENARIOS = "stand|stand-load|poses|ramp|crawl|crawl-load|trot|trot-load|shake|shake-load|swing"
+_SCENARIOS = "stand|stand-load|poses|ramp|crawl|crawl-load|trot|trot-load|shake|shake-load|swing|motion"
 
 
 def simulate(
@@ -39,6 +39,7 @@ def simulate(
     load_time: Annotated[float | None, option("S", "Time at which it lands [s] [default: the scenario's own].")] = None,
     speed: Annotated[float | None, option("M/S", "Speed of a walk [m/s] [default: the scenario's own].")] = None,
     turn: Annotated[float, option("DEG/S", "Turning rate of a walk, to the left [°/s].")] = 0.0,
+    motion: Annotated[Path | None, option("F.csv", "Table of joint positions that the scenario motion plays.")] = None,
     leg: Annotated[str | None, option("LF|all", "The leg that swings [default: all].")] = None,
     amplitude: Annotated[float, option("X", "Amplitude of a shake: X times 3°.")] = 1.0,
     slope: Annotated[float | None, option("DEG", "Slope of the ground [°].")] = None,
@@ -62,6 +63,8 @@ def simulate(
     amount, place = _load(load, at)
     if leg is not None and scenario != "swing":
         raise typer.BadParameter("needs the scenario swing", param_hint="--leg")
+    if (motion is None) == (scenario == "motion"):
+        raise typer.BadParameter("goes with the scenario motion", param_hint="--motion")
 
     from stadera.lab import require_lab
 
@@ -75,9 +78,26 @@ def simulate(
     if scenario != SWING:
         scenario_named(scenario)
     loaded = None if amount is None else Load(*amount, place)
+    table = None
+    if motion is not None:
+        from stadera.logs import read
+
+        table = read(motion)
+        duration = duration or 2.0 * (float(table.time[-1] - table.time[0]) + 1.5)
     rise = None if slope is None else radians(slope)
     settings = SimulateSettings(
-        errors, loaded, rise, duration, rate, seed, load_time, speed, radians(turn), amplitude, stones
+        errors,
+        loaded,
+        rise,
+        duration,
+        rate,
+        seed,
+        load_time,
+        speed,
+        radians(turn),
+        amplitude,
+        stones,
+        motion=table,
     )
     truth = load_robot(robot, limits_of(limit))
     check_table(out)

@@ -9,8 +9,9 @@ from types import MappingProxyType
 
 import numpy as np
 
-from stadera.errors import UnknownNameError
+from stadera.errors import StaderaError, UnknownNameError
 from stadera.lab.control import Crawl
+from stadera.lab.control.played import Played
 from stadera.lab.control.reference import Shake, TrunkPose
 from stadera.lab.control.stand import Controller, TestBed
 from stadera.lab.control.steps import CrawlCommand
@@ -35,6 +36,7 @@ class ScenarioDefaults:
     crawl: float = 0.1  # speed [m/s]
     # clearance of a crawling foot above the difference between the highest and the lowest stone [m]
     over_stones: float = 0.02
+    between: float = 1.0  # time of standing before each time that a motion is played [s]
     still: float = 0.3  # time of standing before a motion begins [s]
     moving: float = 0.4  # share of the time for a pose used for moving to it
     swing: float = 40.0  # duration of legs' swinging in the air [s]
@@ -134,6 +136,21 @@ def _crawl(bed: TestBed, settings: SimulateSettings) -> None:
     crawl.resume()
 
 
+def _played(robot: Robot, settings: SimulateSettings, duration: float) -> Sequence[ScriptEvent]:
+    """The motion twice, with the load in between."""
+    table = settings.motion
+    if table is None:
+        raise StaderaError("the scenario 'motion' plays a table, --motion F.csv: see `stadera excite --trunk`")
+    again = DEFAULTS.between + float(table.time[-1] - table.time[0])
+
+    def play(bed: TestBed) -> None:
+        assert isinstance(bed.controller, Played)
+        bed.controller.play(table)
+
+    load = _loading(robot, settings, DEFAULTS.between + again - 0.5 * DEFAULTS.between)
+    return [ScriptEvent(DEFAULTS.between, play), ScriptEvent(DEFAULTS.between + again, play), *load]
+
+
 def _loading(robot: Robot, settings: SimulateSettings, time: float, own: bool = False) -> Sequence[ScriptEvent]:
     """The settings' load at the settings' time, else at this time [s]; without one the scenario's `own`, if any."""
     if settings.load is None and not own:
@@ -156,6 +173,12 @@ SCENARIOS: Mapping[str, Scenario] = MappingProxyType(
         "crawl-load": Scenario(f"crawls; {_OWN}", 12.0, _motion(_crawl, own=True), controller=_crawling),
         "shake": Scenario(f"stands with a small motion of the body, {_LATER}", 8.0, _motion(_shake)),
         "shake-load": Scenario(f"stands with a small motion; {_OWN}", 8.0, _motion(_shake, own=True)),
+        "motion": Scenario(
+            "plays --motion F.csv twice by a joint PD controller, with --load in between",
+            13.0,
+            _played,
+            controller=lambda robot, trunk: Played(TrunkController(robot, trunk=trunk)),
+        ),
         "ramp": Scenario("stands still on a ramp that rises by 10°", 8.0, _stand, float(np.deg2rad(10.0))),
     }
 )

@@ -12,6 +12,7 @@ from stadera.lab.plant import OutsideForce, SensorErrors, sensor_errors
 from stadera.lab.plant.payload import Payload, RigidMass, VirtualForce
 from stadera.lab.reality import REAL_SETS, RealSizes
 from stadera.lab.sensor_errors import ERROR_SETS
+from stadera.logs.recording import Recording
 from stadera.robot.model import Robot
 from stadera.trunk.model import TrunkBounds
 
@@ -63,6 +64,7 @@ class SimulateSettings:
     stones: float = 0.0  # [m], largest deviation of the stepping stones' heights; 0 for a plane
     hold: int = 1  # periods of the test-bed for which the controller's torques are held, see `TestBed`
     outside: OutsideForce | None = None  # an external force other than a load; None for none
+    motion: Recording | None = None  # a table of joint positions, of the scenario "motion"
 
     def __post_init__(self) -> None:
         if self.errors.lower() not in (*ERROR_SETS, *REAL_SETS):
