@@ -19,8 +19,8 @@ class Shown:
     changes: int = 5  # of the load, live
     rows: int = 12  # of a table on a page
     records: int = 24  # of an experiment there; if there are more, only those that miss their bound
-    named: int = 400  # points of a figure with tooltips; more make a page too heavy
-    figures: int = 1_400_000  # bytes of a fleet's figures, such that a page of 1,000 logs stays below 3 MB
+    named: int = 100  # points of a figure with texts of their own; more make a page too heavy
+    figures: int = 1_000_000  # bytes of a fleet's figures, such that a page of 1,000 logs stays below 3 MB
 
 
 SHOWN = Shown()

@@ -1,7 +1,8 @@
 """Draws figures on pages with Plotly, which a page contains: `plots.js` reads the JSON made here.
 
 Colours stay names, `var(--blue)`: the script inserts the page's own, light or dark. Curves over the same x share it.
-There are two layouts of the same traces, for a desk and for a phone, which has all panels in one column.
+There are two layouts of the same traces, for a desk and for a phone, which has all panels in one column. What all
+figures have in common (fonts, grid, legend) is in the script.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ import base64
 import json
 from collections.abc import Iterator
 from dataclasses import dataclass
+from html import escape
 from typing import Any
 
 import numpy as np
@@ -72,8 +74,10 @@ def data(figure: Figure) -> Markup:
     for trace in traces:
         trace["showlegend"] = bool(trace["name"]) and trace["name"] not in named
         named.add(trace["name"])
-    made = {"data": traces, "desk": _layout(figure, DESK), "phone": _layout(figure, PHONE), "shared": list(shared)}
-    return Markup(json.dumps(made, separators=(",", ":"), allow_nan=False).replace("</", "<\\/"))
+    made = {"data": traces, "desk": _layout(figure, DESK), "shared": list(shared)}
+    if (phone := _layout(figure, PHONE)) != made["desk"]:
+        made["phone"] = phone
+    return Markup(json.dumps(made, separators=(",", ":"), ensure_ascii=False, allow_nan=False).replace("<", "\\u003c"))
 
 
 # -- traces -----------------------------------------------------------------------------------------------------------
@@ -120,6 +124,8 @@ def _curve(series: Series, panel: Panel, shared: dict[str, int]) -> dict[str, An
     if series.labels:
         high = np.asarray(series.y) > np.mean(series.y)
         trace |= {"text": list(series.labels), "textposition": [f"{'top' if up else 'bottom'} center" for up in high]}
+    if series.hover:
+        trace |= {"hovertext": list(map(escape, series.hover)), "hovertemplate": "%{hovertext}<extra></extra>"}
     if series.fill:
         trace |= {"fill": "toself" if series.fill == "self" else "tozeroy", "fillcolor": f"{colour}{_TINT}"}
     if series.fill == "self":
@@ -128,7 +134,8 @@ def _curve(series: Series, panel: Panel, shared: dict[str, int]) -> dict[str, An
         if ends is not None:
             less, more = np.asarray(at) - ends[0], ends[1] - np.asarray(at)
             look = {"color": colour, "thickness": 1.4, "width": 0}
-            trace[name] = look | {"symmetric": False, "array": _packed(more), "arrayminus": _packed(less)}
+            other = {} if np.allclose(less, more) else {"symmetric": False, "arrayminus": _packed(less)}
+            trace[name] = look | {"array": _packed(more)} | other
     return trace
 
 
@@ -169,12 +176,7 @@ def _layout(figure: Figure, room: Room) -> dict[str, Any]:
     layout: dict[str, Any] = {
         "height": height(figure, room),
         "margin": {"l": room.left, "r": 12, "t": room.legend_height(figure), "b": 0},
-        "font": {"family": "system-ui, 'Segoe UI', Helvetica, Arial, sans-serif", "size": 12, "color": "var(--soft)"},
-        "paper_bgcolor": "var(--paper)",
-        "plot_bgcolor": "var(--paper)",
-        "hovermode": "x unified" if over_time else "closest",
-        "hoverlabel": {"bgcolor": "var(--paper)", "bordercolor": "var(--line)", "font": {"color": "var(--ink)"}},
-        "legend": {"orientation": "h", "x": 0, "y": 1, "xref": "container", "yref": "container", "yanchor": "top"},
+        "hovermode": "x unified" if over_time and figure.entries else "closest",
         "shapes": [],
         "annotations": [],
     }
@@ -202,8 +204,6 @@ def _axis(axis: Axis, room: Room) -> dict[str, Any]:
         "title": {"text": axis.title, "standoff": 6},
         "type": "log" if axis.log else "linear",
         "rangemode": "tozero" if axis.zero else "normal",
-        **{f"{part}color": "var(--line)" for part in ("grid", "zeroline")},
-        "linecolor": "var(--steel)",
     }
     if axis.limits is not None:
         made["range"] = list(np.log10(axis.limits)) if axis.log else list(axis.limits)

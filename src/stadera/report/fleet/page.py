@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from math import nan
+from typing import Any
 
 import numpy as np
 from markupsafe import Markup
@@ -14,6 +15,7 @@ from markupsafe import Markup
 from stadera.fleet.departures import Departure, departures, looks_at
 from stadera.fleet.series import TRUNK, FleetSeries, LogRow, by_robot, series_of, when
 from stadera.fleet.table import FleetTable
+from stadera.report.figures import Axis, Figure, Panel, Series, plotly
 from stadera.report.fleet.tables import change_text, found_table, robots_table, time_text
 from stadera.report.numbers import counted, number, with_std
 from stadera.report.page import render
@@ -21,109 +23,57 @@ from stadera.report.table import SHOWN, Cell, Row, TableData
 from stadera.types import Array
 
 
-@dataclass(frozen=True)
-class _Place:
-    """Where values are drawn, in the drawing's own units: so many figures are too many for Plotly."""
-
-    series: FleetSeries
-    width: float = 380.0
-    height: float = 150.0
-    left: float = 58.0
-    right: float = 8.0
-    top: float = 8.0
-    bottom: float = 20.0
-
-    @property
-    def x(self) -> Array:
-        """(logs,)."""
-        count = len(self.series.value)
-        return self.left + (np.arange(count) + 0.5) * (self.width - self.left - self.right) / count
-
-    @property
-    def range(self) -> tuple[float, float]:
-        """Range of all values with their bars, truncated if some bars are far longer than the rest."""
-        value, std = self.series.value, self.series.std
-        reach = np.minimum(2.0 * std, 3.0 * float(np.median(std)))
-        low, high = float((value - reach).min()), float((value + reach).max())
-        return low, high if high > low else low + 1.0
-
-    def y(self, value: Array | float) -> Array:
-        """Heights of values, within the drawing."""
-        low, high = self.range
-        inside = self.height - self.top - self.bottom
-        return np.clip(
-            self.top + inside * (high - np.asarray(value)) / (high - low), 0.0, self.height - self.bottom + 4
-        )
-
-
-def figure(series: FleetSeries, found: Sequence[Departure], named: bool = True) -> Markup:
-    """Values over the logs with bars of two standard deviations, levels, departures, and tooltips if `named`."""
-    place, count = _Place(series), len(series.value)
-    x, y = place.x, place.y(series.value)
-    out = np.zeros(count, dtype=bool)
+def figure(series: FleetSeries, found: Sequence[Departure]) -> Figure:
+    """Values over the logs with bars of two standard deviations, levels, and what departs in red."""
+    value, std, rows = series.value, series.std, series.rows
+    out = np.zeros(len(value), dtype=bool)
     for departure in found:
         out[departure.first : departure.last + 1] = departure.kind != "since"
-    doubtful = np.array([row["trust"] == "doubtful" for row in series.rows])
-    css = np.where(out, "pt out", np.where(doubtful, "pt weak", "pt")).tolist()
-    ends = place.y(series.value - 2 * series.std), place.y(series.value + 2 * series.std)
-    bars = "".join(f"M{a:.1f} {b:.1f}V{c:.1f}" for a, b, c in zip(x, *ends, strict=True))
-    parts = [_axis(place), Markup('<path class="bar" d="{}"/>').format(bars)]
-    if named and count <= SHOWN.named:
-        parts += [_point(series, k, css[k], x[k], y[k]) for k in range(count)]
-    else:
-        for kind in dict.fromkeys(css):
-            dots = "".join(f"M{a:.1f} {b:.1f}h0" for a, b, c in zip(x, y, css, strict=True) if c == kind)
-            parts.append(Markup('<path class="{} many" d="{}"/>').format(kind, dots))
-    parts.append(Markup('<path class="level" d="{}"/>').format(_levels(place, found)))
-    title = f"{series.title} [{series.unit}] of {series.robot} over {counted(count, 'log')}"
-    return Markup('<svg viewBox="0 0 {:.0f} {:.0f}" role="img" aria-label="{}">{}</svg>').format(
-        place.width, place.height, title, Markup("").join(parts)
-    )
-
-
-def _axis(place: _Place) -> Markup:
-    """A low and a high value at the left; below, the times of the first and last log and their number."""
-    (low, high), rows, end = place.range, place.series.rows, place.width - place.right
-    step, below = 0.15 * (high - low), place.height - 4
-    values = [(number(v, 3), place.left - 6, float(place.y(v)) + 4, "end") for v in (low + step, high - step)]
-    first, last = (when(rows[0]) or "first log")[:10], (when(rows[-1]) or "last")[:10]
-    middle = (counted(len(rows), "log"), 0.5 * (place.left + end), below, "middle")
-    texts = [*values, (first, place.left, below, "start"), middle, (last, end, below, "end")]
-    line = Markup('<path class="axis" d="M{0} {1}V{2}H{3}"/>').format(
-        place.left, place.top, place.height - place.bottom + 4, end
-    )
-    return line + Markup("").join(
-        Markup('<text x="{}" y="{:.0f}" text-anchor="{}">{}</text>').format(x, y, side, text)
-        for text, x, y, side in texts
-    )
-
-
-def _levels(place: _Place, found: Sequence[Departure]) -> str:
-    """A line at the mean of each stretch between departures."""
-    series, x = place.series, place.x
-    count = len(series.value)
-    edges = sorted({0, count, *(d.first for d in found), *(d.last + 1 for d in found)})
-    half, out = 0.5 * (place.width - place.left - place.right) / count, []
+    doubtful = np.array([row["trust"] == "doubtful" for row in rows])
+    named, marks = series.joint is None and len(rows) <= SHOWN.named, []
+    x, axis = _times(rows)
+    for colour, marker, chosen in (
+        ("blue", "dot", ~out & ~doubtful),
+        ("blue", "ring", ~out & doubtful),
+        ("red", "dot", out),
+    ):
+        if chosen.any():
+            at, half = value[chosen], 2.0 * std[chosen]
+            hover = tuple(_hover(series, k) for k in np.flatnonzero(chosen).tolist()) if named else ()
+            look: dict[str, Any] = {"marker": marker, "size": 6.0, "y_range": (at - half, at + half), "hover": hover}
+            marks.append(Series(x[chosen], at, "", colour, 0.0, **look))
+    edges = sorted({0, len(value), *(d.first for d in found), *(d.last + 1 for d in found)})
     for begin, end in pairwise(edges):
-        mean = np.average(series.value[begin:end], weights=series.std[begin:end] ** -2)
-        out.append(f"M{x[begin] - half:.1f} {float(place.y(mean)):.1f}H{x[end - 1] + half:.1f}")
-    return "".join(out)
+        mean = float(np.average(value[begin:end], weights=std[begin:end] ** -2))
+        marks.append(Series(x[[begin, end - 1]], np.array([mean, mean]), "", "orange", 1.5))
+    reach = np.minimum(2.0 * std, 3.0 * float(np.median(std)))  # bars far longer than the rest are cut off
+    low, high = float((value - reach).min()), float((value + reach).max())
+    y = Axis(f"{series.title} [{series.unit}]", limits=(low, high) if high > low else None)
+    title = f"{y.title} of {series.robot} over {counted(len(value), 'log')}"
+    return Figure(title, ((Panel(axis, y, tuple(marks)),),), row_height=190.0)
 
 
-def _point(series: FleetSeries, k: int, css: str, x: float, y: float) -> Markup:
+def _times(rows: Sequence[LogRow]) -> tuple[Array, Axis]:
+    """Days since the first log if the logs have the time of day, else their numbers."""
+    if all(map(when, rows)):
+        begins = np.array([row["begin"] for row in rows])
+        return (begins - begins[0]) / 86400.0, Axis(f"days since {when(rows[0])[:10]}")
+    return np.arange(1.0, len(rows) + 1.0), Axis("number of the log")
+
+
+def _hover(series: FleetSeries, k: int) -> str:
     row = series.rows[k]
     name = str(row["log"]).rpartition("/")[2]
-    said = f"{when(row)} {name}: {with_std(series.value[k], series.std[k])} {series.unit}, {row['trust']}".strip()
-    point = Markup('<circle class="{}" cx="{:.1f}" cy="{:.1f}" r="3"><title>{}</title></circle>')
-    return point.format(css, x, y, said)
+    said = f"{when(row)} {name}: {with_std(series.value[k], series.std[k])} {series.unit}, {row['trust']}"
+    return said.strip()
 
 
 @dataclass(frozen=True)
 class FleetPanel:
-    """A figure with its title, and whether it contains departures."""
+    """A figure as JSON with its height [px], and whether it contains departures."""
 
-    title: str
-    figure: Markup
+    figure: Figure
+    data: Markup
     out: bool
 
 
@@ -190,11 +140,12 @@ def _drawn(fleet: Sequence[FleetSeries], found: Sequence[Departure]) -> dict[Fle
     panels: dict[FleetSeries, FleetPanel] = {}
     spent = 0
     for series in sorted(fleet, key=lambda series: (not outs[series], series.joint is not None)):
-        svg = figure(series, outs[series], series.joint is None)
-        spent += len(svg)
+        shown = figure(series, outs[series])
+        data = plotly.data(shown)
+        spent += len(data) + 600  # and what is around it
         if spent > SHOWN.figures:
             break
-        panels[series] = FleetPanel(f"{series.title} [{series.unit}]", svg, bool(outs[series]))
+        panels[series] = FleetPanel(shown, data, bool(outs[series]))
     return panels
 
 
