@@ -12,8 +12,6 @@ from pathlib import Path
 
 from stadera.errors import RecordingError, StaderaError
 
-_LONGEST = 200  # characters of another library's message
-
 
 @contextmanager
 def foreign(path: object, step: str, kind: type[StaderaError] = RecordingError) -> Iterator[None]:
@@ -29,7 +27,7 @@ def foreign(path: object, step: str, kind: type[StaderaError] = RecordingError) 
 
 
 def said(error: Exception) -> str:
-    """Message of an exception, shortened to one line."""
+    """Message of an exception, shortened to one line of at most 200 characters."""
     if isinstance(error, OSError) and error.strerror:
         return error.strerror
     if isinstance(error, RecursionError):
@@ -39,7 +37,7 @@ def said(error: Exception) -> str:
     if isinstance(error, KeyError):
         return f"it has no {error}"
     text = " ".join("".join(c if c.isprintable() else " " for c in str(error)).split())
-    return text[:_LONGEST] or type(error).__name__
+    return text[:200] or type(error).__name__
 
 
 def require_input(

@@ -15,8 +15,6 @@ from stadera.errors import StaderaError
 AnyPath = str | PathLike[str]
 
 _SPECIAL = ("/dev/", "/proc/", "/sys/")
-_LONGEST_SUFFIX = 16  # characters of the suffix that a draft keeps
-_MOST_INPUTS = 100_000  # files listed when an input is a folder
 
 
 @dataclass
@@ -125,7 +123,7 @@ def write_text(path: Path, text: str) -> None:
 
 def _draft(target: Path) -> Path:
     """Creates an empty file in the target's folder, with the permissions of an existing target."""
-    suffix = target.suffix if len(target.suffix) <= _LONGEST_SUFFIX else ""
+    suffix = target.suffix if len(target.suffix) <= 16 else ""
     draft = target.with_name(f".{secrets.token_hex(6)}.draft{suffix}")
     os.close(os.open(draft, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666))
     with suppress(OSError):
@@ -144,12 +142,13 @@ def _finish(draft: Path) -> None:
         os.close(file)
 
 
-def _identities(paths: Iterable[AnyPath]) -> Iterator[tuple[int, int]]:
+def _identities(paths: Iterable[AnyPath], most: int = 100_000) -> Iterator[tuple[int, int]]:
+    """Device and inode number of files, or of at most so many in a folder."""
     for given in paths:
         path = Path(given)
         with suppress(OSError, ValueError, RuntimeError):
             found = [path] if path.is_file() else path.rglob("*") if path.is_dir() else []
-            for _, file in zip(range(_MOST_INPUTS), found, strict=False):
+            for _, file in zip(range(most), found, strict=False):
                 with suppress(OSError):
                     status = file.stat()
                     yield status.st_dev, status.st_ino

@@ -15,9 +15,6 @@ from stadera.errors import StaderaError, UnknownNameError, require_positive
 
 Item = TypeVar("Item")
 
-_MEGABYTE = 1e6
-_LOOKS = 64  # calls of `Budget.tick` between two readings of the clock
-
 
 class LimitError(StaderaError):
     """Reading a file exceeds a limit. The message names the limit and how to raise it."""
@@ -82,16 +79,16 @@ class Budget:
         self.path, self.limits = path, limits
         files = path.rglob("*") if path.is_dir() else [path]
         self._size = sum(file.stat().st_size for file in files if file.is_file())
-        self._allowed = limits.seconds + limits.seconds_per_megabyte * self._size / _MEGABYTE
+        self._allowed = limits.seconds + limits.seconds_per_megabyte * self._size / 1e6
         self._spent, self._ticks, self._held = 0.0, 0, 0.0
         self._since: float | None = time.thread_time()  # None while the clock is stopped
 
     def tick(self) -> None:
-        """Counts one step of a loop that may be long, and checks the time now and then. Raises LimitError: the time
-        limit is exceeded.
+        """Counts one step of a loop that may be long, and checks the time at every 64th. Raises LimitError: it is
+        exceeded.
         """
         self._ticks += 1
-        if self._ticks % _LOOKS == 0:
+        if self._ticks % 64 == 0:
             self.check_time()
 
     @property

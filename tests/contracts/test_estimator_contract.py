@@ -19,6 +19,7 @@ from stadera.robot import load_robot
 from stadera.robot.stance import standing_configuration
 from stadera.trunk import Estimator, Measurement, Status, TrunkBounds, TrunkEstimate, TrunkModel
 from stadera.trunk.posture import PostureLaw
+from stadera.trunk.protocol import Weigher
 from stadera.trunk.registry import Setup, make_estimator
 from stadera.trunk.standing.poses import WIDE_FOOT, WIDE_TORQUE
 from standing import GRAVITY, StandingRobot
@@ -91,7 +92,7 @@ def believed(trunk: TrunkModel) -> np.ndarray:
     return (trunk.mass * trunk.com_trunk + moment) / (trunk.mass + legs)
 
 
-def made(method: str, start: TrunkModel = START) -> Estimator:
+def made(method: str, start: TrunkModel = START) -> Weigher:
     return make_estimator(method, Setup(ROBOT, start, posture=POSTURE), ALL_METHODS)
 
 
@@ -119,6 +120,31 @@ def test_keeps_the_protocol_and_waits_with_what_it_was_given(method: str) -> Non
     assert estimate.status is Status.WAITING
     np.testing.assert_array_equal(estimate.value, [START.mass, *START.com_trunk])
     assert not estimate.observed.any()
+
+
+def test_keeps_all_of_the_protocol(method: str) -> None:
+    """Fed at once as sample by sample; tared, it knows that nothing was put on."""
+    single, at_once = made(method), made(method)
+    assert isinstance(single, Weigher)
+    assert single.payload is None
+    assert single.changes == ()
+    assert single.trust.verdict == "doubtful"
+    measured = list(stream(method, single, poses=(LEVEL,), seconds=3.0))
+    half = len(measured) // 2
+    for m in measured[:half]:
+        single.update(m)
+    at_once.add(measured[:half])
+    same(single.estimate(), at_once.estimate())
+    at_once.tare()
+    at_once.add(measured[half:])
+    found, trunk, payload = at_once.estimate(), at_once.trunk, at_once.payload
+    np.testing.assert_array_equal([trunk.inertial.mass, *trunk.inertial.com], found.value)
+    np.testing.assert_array_equal(trunk.covariance, found.covariance)
+    np.testing.assert_array_equal(trunk.observed[:4], found.observed)
+    assert payload is not None
+    assert abs(payload.mass) < max(3.0 * payload.mass_std, 0.05)
+    assert at_once.changes == ()
+    assert at_once.trust.verdict in ("good", "doubtful")
 
 
 def test_finds_the_known_centre_of_mass(method: str) -> None:

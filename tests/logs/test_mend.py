@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from stadera.errors import RecordingError
-from stadera.logs import LogFile, Recording, read, stream, write_table
+from stadera.logs import Imu, LogFile, Recording, read, stream, take, write_table
 from stadera.logs.mend import Gear, Mend, changed
 from stadera.logs.topics import Reading
 
@@ -60,3 +60,18 @@ def test_a_mend_twice_is_none(log: Recording) -> None:
     np.testing.assert_array_equal(back.position, log.position)
     assert log.velocity is not None
     np.testing.assert_array_equal(back.velocity, log.velocity)
+
+
+def test_a_turn_of_the_gyro_alone_keeps_force_and_orientation(log: Recording) -> None:
+    quaternion = np.tile([0.0, 0.0, 0.0, 1.0], (len(log), 1))
+    given = replace(log, imu=Imu(log.position, log.position + 9.81, quaternion))
+    turn = ((0.0, -1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0))
+    imu = Mend("turned", turn=turn, gyro_alone=True)(given).imu
+    assert imu is not None
+    np.testing.assert_array_equal(imu.angular_velocity, log.position @ np.array(turn).T)
+    np.testing.assert_array_equal(imu.linear_acceleration, log.position + 9.81)
+    np.testing.assert_array_equal(imu.orientation, quaternion)
+
+
+def test_nothing_can_be_taken_of_a_log(log: Recording) -> None:
+    assert len(take(log, log.time < 0.0)) == 0

@@ -34,8 +34,7 @@ def footprint(robot: Robot, tilt: float = 0.0, sway: float = 0.0) -> Footprint:
     force = np.tile([9.81 * np.sin(tilt), 0.0, 9.81 * np.cos(tilt)], (100, 1))
     log = Recording(time, robot.tree.joints, q, 0.0 * q, effort=0.0 * q, imu=Imu(0.0 * force, force, None, None))
     found = Footprint(robot, LIMITS)
-    samples = Samples.of_recording(log, robot)
-    found.add(samples.time, samples.position, samples.specific_force)
+    found.add(Samples.of_recording(log, robot))
     return found
 
 

@@ -179,7 +179,7 @@ def _in_motion(footing: Footing, mount: ImuMount | None) -> Iterator[Finding]:
             f"({late[1].deviations:.1f} standard deviations)"
         )
         yield Finding("imu_late", text)
-    elif without.cost < few.limits.better * few.cost:
+    elif without.fits(few):
         text = (
             f"as recorded, feet that carry slide at {100 * few.slides:.2g} cm/s and the trunk is out of balance; "
             f"otherwise at {100 * without.slides:.2g} cm/s, and in balance ({gain.deviations:.1f} standard deviations)"

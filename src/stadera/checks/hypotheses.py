@@ -76,7 +76,9 @@ def hypotheses_in_motion(robot: Robot, most: int) -> Iterator[Hypothesis]:
     for quarters in (1, 2, 3):
         c, s = round(np.cos(quarters * np.pi / 2)), round(np.sin(quarters * np.pi / 2))
         turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-        yield _turned(turn, f"the IMU is turned by {90 * quarters}° about the vertical")
+        imu = _turned(turn, f"the IMU is turned by {90 * quarters}° about the vertical")
+        text = f"the gyro is turned by {90 * quarters}° about the vertical, but not the accelerometer"
+        yield from (imu, replace(imu, text=text, undo=replace(imu.undo, text=f"{text}; turned", gyro_alone=True)))
     yield _gyro(-1.0, "the gyro's sign is reversed", "")
     yield _gyro(DEGREE, "the gyro seems to be in deg/s", "--units gyro=deg/s")
 

@@ -100,8 +100,9 @@ class Instants:
         }
         for quantity, name in _VECTORS.items():
             values, factor = getattr(self, name), mend.factors.get(quantity, 1.0)
-            if values is not None and (mend.turn or factor != 1.0):
-                new[name] = factor * values @ np.array(mend.turn or np.eye(3)).T
+            turn = mend.turn if quantity == GYRO or not mend.gyro_alone else ()
+            if values is not None and (turn or factor != 1.0):
+                new[name] = factor * values @ np.array(turn or np.eye(3)).T
         return replace(self, **new)
 
     def shifted(self, by: int) -> tuple[Instants, Instants]:

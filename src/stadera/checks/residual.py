@@ -166,11 +166,12 @@ class Footing:
         cost = np.log1p((left**2).sum(axis=1) / (self.limits.unbalance * self.weight) ** 2)
         return np.where(np.repeat(count >= self.limits.fewest, count), cost, np.nan)
 
-    @property
-    def cost(self) -> float:
-        """Of both together over the instants that are used."""
-        parts = [part[np.isfinite(part)] for part in (self.sliding, self.unbalance)]
-        return float(sum(part.mean() for part in parts if len(part)))
+    def fits(self, recorded: Footing) -> bool:
+        """True if a correction leaves little of the cost of the log as recorded, of the part that it changes."""
+        parts = [(recorded.sliding, self.sliding), (recorded.unbalance, self.unbalance)]
+        changed = [pair for pair in parts if not np.array_equal(*pair, equal_nan=True)]
+        now, left = np.array([[_mean(part) for part in pair] for pair in changed]).reshape(-1, 2).sum(axis=0)
+        return bool(left < self.limits.better * now)
 
     @property
     def lively(self) -> float:
@@ -215,6 +216,12 @@ def _at_rest(body: Body, position: Array, specific_force: Array, least: float) -
     state = body.at(Motion(position, still, still, none, none, specific_force, up))
     felt = np.append(np.abs(state.volume) >= least, np.zeros((len(position), 1), dtype=bool), axis=1)
     return replace(state, to_wrench=np.where(felt[:, body.leg_of, None], state.to_wrench, 0.0))
+
+
+def _mean(cost: Array) -> float:
+    """Over the instants that are used; zero if there are none."""
+    used = cost[np.isfinite(cost)]
+    return float(used.mean()) if len(used) else 0.0
 
 
 def unit(vectors: Array) -> Array:

@@ -1,4 +1,4 @@
-"""`stadera identify`: identifies links, friction and rotor inertia of legs from logs of a robot on a stand."""
+"""`stadera identify`: identifies links, friction and rotor inertia of legs, and the trunk, from any logs of a robot."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def identify(
     options: LogOptions,
     files: ResultFiles,
 ) -> None:
-    """Identify legs from logs of a robot on a stand, legs in the air.
+    """Identify legs, drives and trunk from logs: legs in the air, or a robot on its feet, in any mix.
 
     Estimates mass, centre of mass and inertia of each link as far as the motion determines them, and each joint's rotor
     inertia, friction and torque offset. Reports which parameters are not determined, and how well torques are

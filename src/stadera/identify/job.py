@@ -251,9 +251,18 @@ def _check_feet(beginning: Recording, robot: Robot, legs: Sequence[str], setting
         free = [name for name, share in shares.items() if share <= settings.most_carried]
         others = f"; those in the air are identified by --legs {','.join(free)}" if free else ""
         raise RecordingError(
-            f"{beginning.source}: feet carry a share of the robot's weight ({feet}): legs are identified while they "
-            f"swing freely and the trunk is held{others}"
+            f"{beginning.source}: feet carry a share of the robot's weight ({feet}): without an IMU, legs are "
+            f"identified while they swing freely and the trunk is held{others}"
         )
+
+
+def stands(log: Log, robot: Robot, wanted: Sequence[str], settings: IdentifySettings) -> bool:
+    """True for a log with an IMU of a robot that is on its feet, on any of the wanted legs."""
+    beginning = head(log, joints_of(robot, wanted), settings.signals.spikes)
+    if beginning.imu is None:
+        return False
+    shares = carried_shares(beginning, robot, vertical_of(beginning, robot, settings.up).up)
+    return any(shares[name] > settings.most_carried for name in wanted)
 
 
 def _supporting(robot: Robot, logs: Sequence[Log], wanted: Sequence[str], settings: IdentifySettings) -> list[str]:

@@ -8,19 +8,20 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
+from functools import partial, reduce
 from os import PathLike
 
 import numpy as np
 
 from stadera.body import JointMotion, TrunkMotion
 from stadera.checks import Guard
+from stadera.identify.floating import FloatingLog, floating_log
 from stadera.identify.gather import Gathered, gather, with_noise_of, with_varying_friction
-from stadera.identify.job import Job, LegTask, joints_of, parts_of, prepare
+from stadera.identify.job import Job, LegTask, joints_of, parts_of, prepare, stands
 from stadera.identify.log import Part
 from stadera.identify.observability import Combination, Observability, observability
 from stadera.identify.residuals import LegModels, LegScore, scored
-from stadera.identify.result import Identification, KnownCombination, LegIdentification, unit_of
+from stadera.identify.result import Identification, KnownCombination, LegIdentification, robot_with_legs, unit_of
 from stadera.identify.settings import IdentifySettings
 from stadera.identify.solutions import Estimate, solve_legs
 from stadera.identify.trust import leg_warnings, log_warnings, trust_in
@@ -31,6 +32,8 @@ from stadera.logs.topics import LogFile
 from stadera.robot.load import load_robot
 from stadera.robot.model import Robot
 from stadera.threads import one_thread
+from stadera.trunk.result import TrunkParameters
+from stadera.trust import Trust
 from stadera.types import Progress
 
 __all__ = ["IdentifySettings", "identify"]
@@ -73,15 +76,88 @@ def identify(
     admitted = partial(guard.admitted, fix=fix, force=force)
     fitted = tuple(map(admitted, fitted))
     evaluated = evaluated and tuple(map(admitted, evaluated))
+    asked_legs = tuple(dict.fromkeys(model.leg(name).name for name in asked.legs or [leg.name for leg in model.legs]))
+    on_feet = tuple(log for log in fitted if stands(log, model, asked_legs, asked))
     forced = tuple(str(finding) for log in fitted for finding in guard.units(log)) if force else ()
-    job = prepare(model, fitted, asked, progress or (lambda *_: None))
-    return _identified(replace(job, doubts=(*forced, *job.doubts)), fitted, evaluated)
+    watch = progress or (lambda *_: None)
+    in_air = tuple(log for log in fitted if log not in on_feet)
+    if not in_air:
+        return _from_feet(model, on_feet, asked_legs, asked, watch, forced)
+    job = prepare(model, in_air, asked, watch)
+    return _identified(replace(job, doubts=(*forced, *job.doubts)), in_air, on_feet, evaluated)
+
+
+def _from_feet(
+    robot: Robot,
+    logs: Sequence[LogFile | Recording],
+    wanted: tuple[str, ...],
+    asked: IdentifySettings,
+    progress: Progress,
+    doubts: tuple[str, ...],
+) -> Identification:
+    """By logs of a robot on its feet alone, whose prior are the model's values."""
+    names = (*wanted, *(leg.name for leg in robot.legs if leg.name not in wanted and asked.spread is not None))
+    tasks = [LegTask.of(robot, robot.leg(name), asked) for name in names]
+    floats = [floating_log(robot, log, progress) for log in logs]
+    told = [_floating_information(task, floats, Information.empty(task.prior.columns)) for task in tasks]
+    posed = [(task.leg, found, task.prior) for task, found in zip(tasks, told, strict=True)]
+    estimates = solve_legs(posed, asked.method, asked.spread, asked.solver, progress)
+    legs = tuple(
+        LegIdentification(
+            task.leg, task.nominal, *found, structural_rank=found[0].observability.rank, information=information
+        )
+        for task, found, information in zip(tasks, estimates, told, strict=True)
+    )
+    trust = floats[0].trust
+    for log in floats[1:]:
+        trust = _with_trust_of(trust, log)
+    for doubt in doubts:
+        trust = trust.at_most("doubtful", doubt)
+    return Identification(
+        robot=robot,
+        source=", ".join(dict.fromkeys(log.source for log in floats)),
+        method=asked.method,
+        legs=legs[: len(wanted)],
+        torque_lag=floats[0].torque_lag,
+        validated_on=None,
+        trust=trust,
+        notes=_feet_notes(floats),
+        trunk=_best_trunk(floats),
+    )
+
+
+def _floating_information(task: LegTask, floats: Sequence[FloatingLog], own: Information) -> Information:
+    """A leg's information with that of logs on its feet; offsets are those of the only log, or of the legs in the
+    air.
+    """
+    alone = len(floats) == 1 and not own.count
+    logs = [log.of_leg(task.leg.name, task.fixed, offsets=alone) for log in floats]
+    return reduce(Information.merge, logs, own)
+
+
+def _with_trust_of(trust: Trust, log: FloatingLog) -> Trust:
+    if log.trust.verdict == "good":
+        return trust
+    return trust.at_most(log.trust.verdict, f"{log.source}: {next(iter(log.trust.reasons), 'its fit is poor')}")
+
+
+def _best_trunk(floats: Sequence[FloatingLog]) -> TrunkParameters | None:
+    """The trunk of the log that tells most of its mass."""
+    return min((log.trunk for log in floats), key=lambda t: np.nan_to_num(t.mass_std, nan=np.inf), default=None)
+
+
+def _feet_notes(floats: Sequence[FloatingLog]) -> tuple[str, ...]:
+    how = "a robot on its feet: equations of its base, contact forces eliminated"
+    return tuple(f"{log.source}: {how}" for log in floats)
 
 
 def _identified(
-    job: Job, fitted: Sequence[LogFile | Recording], evaluated: Sequence[LogFile | Recording] | None
+    job: Job,
+    fitted: Sequence[LogFile | Recording],
+    on_feet: Sequence[LogFile | Recording],
+    evaluated: Sequence[LogFile | Recording] | None,
 ) -> Identification:
-    """The passes over admitted logs."""
+    """The passes over admitted logs of legs in the air, and of the robot on its feet, whose prior are the legs then."""
     training, held_back, validated_on = parts_of(job, fitted, evaluated)
     at_rest = not training.moves(job.drop_below)
     if at_rest:
@@ -90,17 +166,25 @@ def _identified(
     gathered = gather(job, training)
     gathered = with_noise_of(job, training, gathered, [asked for asked, _ in _solve(job, gathered)])
     estimates = _solve(job, gathered)
+    floats: list[FloatingLog] = []
+    if on_feet:
+        known = [
+            LegIdentification(task.leg, task.nominal, *found) for task, found in zip(job.tasks, estimates, strict=True)
+        ]
+        floats = [floating_log(robot_with_legs(job.robot, known), log, job.progress) for log in on_feet]
+        estimates = _solve(job, gathered, floats)
     legs, samples = _scored_legs(job, gathered, estimates, training, held_back)
     doubts = (*job.doubts, *log_warnings(job.vertical, legs, samples, job.settings.trust))
     return Identification(
         robot=job.robot,
-        source=", ".join(dict.fromkeys(log.source for log in fitted)),
+        source=", ".join(dict.fromkeys(log.source for log in (*fitted, *on_feet))),
         method=job.settings.method,
         legs=legs,
         torque_lag=job.preprocessing.effort_delay,
         validated_on=validated_on if any("validation" in leg.rmse for leg in legs) else None,
-        trust=trust_in(job, gathered, [asked for asked, _ in estimates], doubts),
-        notes=(*training.notes, job.vertical.note, *job.notes, *_pooling_note(job)),
+        trust=reduce(_with_trust_of, floats, trust_in(job, gathered, [asked for asked, _ in estimates], doubts)),
+        notes=(*training.notes, job.vertical.note, *job.notes, *_pooling_note(job), *_feet_notes(floats)),
+        trunk=_best_trunk(floats),
         warnings=(*((_at_rest(job),) if at_rest else ()), *doubts),
     )
 
@@ -130,9 +214,14 @@ def _scored_legs(
     return legs, max(score.samples for score in scores["training"])
 
 
-def _solve(job: Job, gathered: Sequence[Gathered]) -> list[tuple[Estimate, Estimate]]:
+def _solve(
+    job: Job, gathered: Sequence[Gathered], floats: Sequence[FloatingLog] = ()
+) -> list[tuple[Estimate, Estimate]]:
     """For each leg the requested solution and the null-space solution."""
-    legs = [(t.leg, g.whitened(t.fixed), t.prior) for t, g in zip(job.tasks, gathered, strict=True)]
+    legs = [
+        (t.leg, _floating_information(t, floats, g.whitened(t.fixed)), t.prior)
+        for t, g in zip(job.tasks, gathered, strict=True)
+    ]
     return solve_legs(legs, job.settings.method, job.settings.spread, job.settings.solver, job.progress)
 
 

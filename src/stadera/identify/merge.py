@@ -102,16 +102,11 @@ def merge_legs(
     estimates = solve_legs(asked, settings.method, settings.spread, settings.solver, lambda *_: None)
     legs = tuple(
         LegIdentification(
-            leg=task.leg,
-            model=task.nominal,
-            estimate=estimate,
-            null_space=null_space,
-            friction_only={},
-            combinations=(),
+            task.leg,
+            task.nominal,
+            estimate,
+            null_space,
             structural_rank=estimate.observability.rank,
-            noise={},
-            correlation={},
-            rmse={},
             information=fit.total,
         )
         for task, fit, (estimate, null_space) in zip(tasks, fits, estimates, strict=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from os import PathLike
 from pathlib import Path
@@ -20,6 +20,7 @@ from stadera.inertia import ORDER, UNITS, InertialParameters
 from stadera.information import Information
 from stadera.results import Result
 from stadera.robot.model import JointDynamics, Leg, Robot
+from stadera.trunk.result import TrunkParameters
 from stadera.trust import Trust
 from stadera.types import Array
 
@@ -108,12 +109,12 @@ class LegIdentification:
     model: Mapping[str, float]
     estimate: Estimate
     null_space: Estimate
-    friction_only: Mapping[str, float]
-    combinations: tuple[KnownCombination, ...]
-    structural_rank: int
-    noise: Mapping[str, float]
-    correlation: Mapping[str, float]
-    rmse: Mapping[str, Mapping[str, Mapping[str, float]]]
+    friction_only: Mapping[str, float] = field(default_factory=dict)
+    combinations: tuple[KnownCombination, ...] = ()
+    structural_rank: int = 0
+    noise: Mapping[str, float] = field(default_factory=dict)
+    correlation: Mapping[str, float] = field(default_factory=dict)
+    rmse: Mapping[str, Mapping[str, Mapping[str, float]]] = field(default_factory=dict)
     traces: tuple[TorqueTrace, ...] = ()
     warnings: tuple[str, ...] = ()
     information: Information | None = None
@@ -168,6 +169,7 @@ class Identification(Result):
         trust: how well the legs explain the torques.
         notes: processing steps applied to the log, in order.
         warnings: that concern the whole log.
+        trunk: of a robot that stood or walked, payload included; None without such a log.
     """
 
     robot: Robot
@@ -179,6 +181,7 @@ class Identification(Result):
     trust: Trust
     notes: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
+    trunk: TrunkParameters | None = None
 
     @property
     def rank(self) -> int:
@@ -198,13 +201,14 @@ class Identification(Result):
     def __repr__(self) -> str:
         lines = [f"{self.robot.name} by {self.source}: {self.trust.verdict}, misfit {self.trust.misfit:.2g}"]
         for leg in self.legs:
-            rank, errors = leg.estimate.observability.rank, leg.rmse.get("validation") or leg.rmse["training"]
-            rmse = np.sqrt(np.mean(np.square(list(errors["identified"].values()))))
+            rank, errors = leg.estimate.observability.rank, leg.rmse.get("validation") or leg.rmse.get("training")
+            rmse = errors and f"RMSE {np.sqrt(np.mean(np.square(list(errors['identified'].values())))):.3g} N·m, "
             misfit = self.trust.by_leg[leg.leg.name]
             lines.append(
-                f"  {leg.leg.name}: {rank} of {len(leg.estimate.columns)} directions, RMSE {rmse:.3g} N·m, "
-                f"misfit {misfit:.2g}"
+                f"  {leg.leg.name}: {rank} of {len(leg.estimate.columns)} directions, {rmse or ''}misfit {misfit:.2g}"
             )
+        if self.trunk is not None:
+            lines.append(f"  trunk: {self.trunk!r}")
         return "\n".join([*lines, *self.trust.reasons[:1]])
 
     def to_dict(self) -> dict[str, Any]:
@@ -260,8 +264,9 @@ class Identification(Result):
         return figures(self)
 
     def identified_robot(self) -> Robot:
-        """The robot with the identified parameters of links and joints."""
-        return robot_with_legs(self.robot, self.legs)
+        """The robot with the identified parameters of links and joints, and of the trunk as far as it was observed."""
+        robot = robot_with_legs(self.robot, self.legs)
+        return robot if self.trunk is None else robot.with_inertias({robot.trunk: self.trunk.inertial})
 
 
 def robot_with_legs(robot: Robot, legs: Iterable[LegIdentification]) -> Robot:

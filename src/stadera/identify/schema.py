@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from stadera.boundary import foreign, require_input
 from stadera.errors import ModelError, UntrustedError
@@ -55,6 +56,7 @@ def identification_dict(result: Identification) -> dict[str, Any]:
         "physical": result.is_physical,
         "rmse": _rmse(result),
         "legs": {leg.leg.name: _leg(leg) for leg in result.legs},
+        "trunk": None if result.trunk is None else _trunk(result) | mark,
         "torque_lag": result.torque_lag,
         "validated_on": result.validated_on,
         "notes": list(result.notes),
@@ -77,7 +79,7 @@ def identification_frame(result: Identification) -> Any:
 
 def with_identified_legs(robot: Robot, path: str | PathLike[str], force: bool = False) -> Robot:
     """Returns the robot with the links' inertias and the joints' rotor inertia, friction and torque offsets of an
-    identification, and the latter's standard deviations.
+    identification, and the latter's standard deviations; with the trunk too, if the robot walked.
 
     Legs that were not identified keep the model's values. Torque offsets change from day to day: weighing starts at
     those identified and estimates the difference. Negative friction or rotor inertia, which noise can cause, is set to
@@ -99,6 +101,8 @@ def with_identified_legs(robot: Robot, path: str | PathLike[str], force: bool = 
         links = {name: _body(entry) for name, entry in value["links"].items()}
         joints = {name: _known(entry) for name, entry in value["joints"].items()}
         std = {name: _std(entry) for name, entry in value["joints"].items()}
+        if isinstance(trunk := value.get("trunk"), dict) and "name" in trunk:
+            links[trunk["name"]] = _body(trunk)
         distrust = _distrust(value.get("trust"))
     if distrust and not force:
         raise UntrustedError(
@@ -170,6 +174,31 @@ def _combination(combination: KnownCombination) -> dict[str, Any]:
         "value": combination.value,
         "std": None if combination.verdict is Identifiability.UNOBSERVABLE else combination.std,
         "observability": str(combination.verdict),
+    }
+
+
+def _trunk(result: Identification) -> dict[str, Any]:
+    """The trunk, as a link; its inertia is observed as a whole."""
+    trunk, prior = result.trunk, result.robot.inertias[result.robot.trunk]
+    assert trunk is not None
+
+    def quantities(before: ArrayLike, values: ArrayLike, stds: ArrayLike) -> list[dict[str, Any]]:
+        return [
+            {
+                "prior": float(p),
+                "value": float(v),
+                "std": float(s) if isfinite(s) else None,
+                "observability": "observable" if isfinite(s) else "unobservable",
+            }
+            for p, v, s in np.transpose([before, values, stds])
+        ]
+
+    found = trunk.inertial
+    return {
+        "name": result.robot.trunk,
+        "mass": quantities([prior.mass], [found.mass], [trunk.mass_std])[0],
+        "com": quantities(prior.com, found.com, trunk.com_std),
+        "inertia": dict(zip(_INERTIA, quantities(prior.vector[4:], found.vector[4:], trunk.inertia_std), strict=True)),
     }
 
 

@@ -24,7 +24,6 @@ from stadera.robot.model import Robot
 from stadera.types import Array
 
 _XYZW = np.array([1, 2, 3, 0])
-_BLOCK = 64  # samples
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,8 +66,8 @@ class Sensors:
         error = errors.foot_position
         constant_error = constant.normal(error.mean, error.std, (len(robot.legs), 3))
         self._foot_offset = constant_error if error.drawn == "run" else np.zeros_like(constant_error)
-        # drawn for many samples at once if nothing else is drawn in between
-        self._block = 1 if errors.foot_position.drawn == "sample" else _BLOCK
+        # number of samples drawn at once, many if nothing else is drawn in between
+        self._block = 1 if errors.foot_position.drawn == "sample" else 64
         self._noise: Iterator[Array] = iter(())
         self._late: deque[tuple[float, Array]] = deque()
 

@@ -84,12 +84,12 @@ class RowClock:
 
 
 MOST_ROWS = 32768
-_MOST_VALUES = 1 << 22
+"""Rows of a batch, or of a chunk of a log."""
 
 
 def rows_at_once(columns: int) -> int:
     """Number of rows in a batch, smaller for wide tables."""
-    return max(1, min(MOST_ROWS, _MOST_VALUES // max(columns, 1)))
+    return max(1, min(MOST_ROWS, (1 << 22) // max(columns, 1)))
 
 
 @dataclass(frozen=True, eq=False)

@@ -31,6 +31,7 @@ class Mend:
     swapped: Mapping[tuple[str, str], str] = field(default_factory=dict)
     # rows of the rotation that takes the IMU's values to the right axes
     turn: tuple[tuple[float, float, float], ...] = ()
+    gyro_alone: bool = False  # the turn is that of the gyro, not of the accelerometer
     gravity: bool = False  # add gravity to the specific force, according to the IMU's orientation
     quaternion: str = ""  # "wxyz" if w is first; "inverse" if it is that of the world in the IMU's frame
 
@@ -65,10 +66,12 @@ class Mend:
         force = imu.linear_acceleration
         if self.gravity and orientation is not None:
             force = force + GRAVITY * upwards(orientation)
+        rates = imu.angular_velocity @ turn.T
+        if self.gyro_alone:
+            return replace(imu, angular_velocity=rates, linear_acceleration=force, orientation=orientation)
         if self.turn and orientation is not None:
             orientation = None  # the frame no longer matches the values
-        return replace(imu, angular_velocity=imu.angular_velocity @ turn.T, linear_acceleration=force @ turn.T,
-                       orientation=orientation)  # fmt: skip
+        return replace(imu, angular_velocity=rates, linear_acceleration=force @ turn.T, orientation=orientation)
 
 
 @dataclass(frozen=True)

@@ -267,10 +267,9 @@ class Recording:
 
         UnknownNameError if a joint, RecordingError if the channel is not recorded.
         """
-        values: Array | None = getattr(self, name)
-        if values is None:
+        if getattr(self, name) is None:
             raise RecordingError(f"{self.source}: no column '{joints[0]}.{name}'; the log has no joint {name}")
-        return values[:, [self.index(joint) for joint in joints]]
+        return np.asarray(getattr(self, name)[:, [self.index(joint) for joint in joints]])
 
     def index(self, joint: str) -> int:
         """Column index of a joint; UnknownNameError if it is not recorded."""
@@ -301,8 +300,10 @@ def check_values(
     """Checks that values (samples, columns) are finite and plausible; `samples` are their indices in the log. Raises
     RecordingError.
     """
+    if not values.size:
+        return
     table, largest = values.reshape(len(values), -1), np.array([largest_of(column) for column in columns])
-    if not table.size or ((table.max(axis=0) <= largest) & (table.min(axis=0) >= -largest)).all():
+    if ((table.max(axis=0) <= largest) & (table.min(axis=0) >= -largest)).all():
         return
     sample, column = np.argwhere(~(np.abs(table) <= largest))[0]
     value, at = table[sample, column], sample if samples is None else samples[sample]

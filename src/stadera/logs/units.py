@@ -39,9 +39,6 @@ LARGEST: dict[str, float] = {
 reach 50 rad/s and 500 N·m, MEMS sensors 70 rad/s and 2000 m/s². A position may include thousands of turns, and a
 quaternion need not be normalised.
 """
-
-ANY = 1e15
-"""For all other quantities: time, contact."""
 _QUANTITY = {
     "position_desired": "position",
     "velocity_desired": "velocity",
@@ -136,6 +133,6 @@ def _quantities_of(unit: str) -> list[str]:
 
 @cache
 def largest_of(column: str) -> float:
-    """Largest plausible value of a column of the flat table: `<joint>.<quantity>`, `imu.<quantity>.<axis>`, ..."""
+    """Largest plausible value of a column of the flat table: `<joint>.<quantity>`, `imu.<quantity>.<axis>`; time..."""
     parts = column.split(".")
-    return next((LARGEST[part] for part in reversed(parts[-2:]) if part in LARGEST), ANY)
+    return next((LARGEST[part] for part in reversed(parts[-2:]) if part in LARGEST), 1e15)

@@ -343,6 +343,11 @@ class TrunkEstimator:
         return float(errors.mean[at]), float(errors.std[at])
 
     @property
+    def errors(self) -> Errors:
+        """Differences between the robot and its model, as estimated."""
+        return self._fit.errors
+
+    @property
     def drives(self) -> Drives:
         """Rotor inertia, friction and torque offsets of the legs' joints."""
         return Drives.of(self.robot, self._fit.model, self._fit.errors)

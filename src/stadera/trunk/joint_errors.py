@@ -56,6 +56,7 @@ class Errors:
     Attributes:
         layout: places of the errors.
         mean: (errors,). covariance: Σ (errors, errors). std: (errors,).
+        start: (errors, errors), the covariance before any row, of errors that residuals show.
         prior, remaining: (errors, errors), the covariance before loaded rows, and that of p̂'s errors with those before:
             (P⁻¹ + M/σ²)⁻¹ is both their variance and their covariance with the prior's error.
     """
@@ -79,6 +80,7 @@ class Errors:
         before, rest, by_rest = self.covariance.copy(), slice(learnt.stop, count), None
         if rows is not None and rows.weight:
             by_rest = self._learn(_Root.of(covariance, np.sqrt(variance[learnt]), gain), rows, learnt)
+        self.start = scale**2 * model.covariance
         self._sticking = self._held(model, swing, sticking)
         before[stuck, stuck] = self.covariance[stuck, stuck] = self._sticking
         self.prior, self.remaining = before, self.covariance.copy()

@@ -20,6 +20,7 @@ from stadera.errors import require_positive
 from stadera.inertia import InertialParameters
 from stadera.robot.model import Robot, Shape
 from stadera.trunk.load import Payload
+from stadera.trunk.samples import Samples
 from stadera.trust import Verdict
 from stadera.types import Array
 
@@ -56,21 +57,19 @@ class Footprint:
         self._moments = np.zeros((2, len(self._pairs[0])))  # of the distances between feet
         self._low = 0  # postures with the trunk on the ground
 
-    def add(self, time: Array, position: Array, force: Array) -> None:
-        """Takes in samples: time (n,) [s], joints in the tree's order (n, joints) [rad], and the specific force (n, 3),
-        trunk axes.
-        """
-        period = float(np.median(np.diff(time))) if len(time) > 1 else 1.0
+    def add(self, samples: Samples) -> None:
+        """Takes in samples of the robot's joints."""
+        period = float(np.median(np.diff(samples.time))) if len(samples) > 1 else 1.0
         kept = slice(None, None, max(1, round(1.0 / (self._limits.rate * period))))
-        feet = foot_positions(self._robot, position[kept])
+        feet = foot_positions(self._robot, samples.position[kept])
         apart = np.linalg.norm(feet[:, self._pairs[0]] - feet[:, self._pairs[1]], axis=-1)
         self._count += len(feet)
         self._feet += feet.sum(axis=0)
-        self._up += force[kept].sum(axis=0)
+        self._up += samples.specific_force[kept].sum(axis=0)
         self._moments += np.array([apart.sum(axis=0), (apart**2).sum(axis=0)])
-        up = force.mean(axis=0)
+        up = samples.specific_force.mean(axis=0)
         up /= max(float(np.linalg.norm(up)), 1e-9)
-        self._low += int(lying(self._robot, position[kept], np.tile(up, (len(feet), 1))).sum())
+        self._low += int(lying(self._robot, samples.position[kept], np.tile(up, (len(feet), 1))).sum())
 
     @property
     def lay(self) -> bool:

@@ -179,16 +179,17 @@ class AtRest(StepEstimator):
         self._tared_at = np.nan
         self._refused: list[Refusal] = []
         self._moves: _Movement | None = None
+        self._restarted = self._anew = False
         self._time, self._begin, self._reason = np.nan, np.nan, ""
         self._sized: ConstantErrors | None = None
 
     # -- feeding ------------------------------------------------------------------------------------------------------
     def update(self, m: Measurement) -> None:
         """Processes one measurement."""
-        if self._first is None:
-            self._first, self._begin = m, m.time
-        if self._load is None:
-            self._load = _Load(self._locate(self._first, self._forces))
+        if self._load is None or self._restarted:
+            self._earlier += self._load.estimates if self._load else []
+            self._first, self._begin, self._restarted, self._anew = m, m.time, False, True
+            self._load, self._next, self._waiting = _Load(self._locate(m, self._forces)), None, None
         forces, self._time = self._forces.at(m), m.time
         reason = self._reason = self._gate.complaint(m, forces) or stretched(forces, self.robot, m.stance)
         if reason or (self._open is not None and m.time - self._open.begin >= self._settings.block):
@@ -216,12 +217,12 @@ class AtRest(StepEstimator):
         self._sized = None
 
     def restart(self) -> None:
-        """Announces that the next measurements do not continue the previous ones."""
+        """Announces that the next measurements do not continue the previous ones, and may be of another load."""
         self._close()
         if self._moves is not None:
             self._refused.append(self._moves.until(self._time))
             self._moves = None
-        self._gate, self._first, self._sized = StaticDetector(self._forces.legs), None, None
+        self._gate, self._restarted, self._sized = StaticDetector(self._forces.legs), True, None
 
     def _close(self) -> None:
         """Ends the open block; decides whether the load changed."""
@@ -235,8 +236,9 @@ class AtRest(StepEstimator):
             if load is not None:
                 load.estimates.append(load.estimator.estimate())
                 self._hold(load, held)
-        if not self._means:
+        if self._anew:
             self._means.append(block)
+            self._anew = False
         elif not self._departs(self._means[-1], block):
             self._means[-1], self._waiting, self._next = self._means[-1].joined(block), None, None
         elif self._waiting is not None and self._next is not None and self._same_side(self._waiting, block):
@@ -323,9 +325,9 @@ class AtRest(StepEstimator):
 
     @property
     def changes(self) -> tuple[LoadChange, ...]:
-        """From each load to the next; static friction of each is its own."""
+        """From each load to the next of the same log; static friction of each is its own."""
         found = []
-        for before, after in pairwise(self._means):
+        for before, after in ((b, a) for b, a in pairwise(self._means) if not isnan(a.noticed)):
             alone = self._wide * sqrt(change_variance(before, after, self._errors))
             mass = after.mass - before.mass
             kind, std = "on" if mass > 0 else "off", self._with_gain(alone, mass)

@@ -14,7 +14,7 @@ from itertools import pairwise
 import numpy as np
 
 from stadera.errors import IdentificationError, RecordingError
-from stadera.logs.recording import Recording
+from stadera.logs.recording import Imu
 from stadera.robot.imu import ImuMount
 from stadera.robot.model import Robot
 from stadera.trunk.estimator import TrunkEstimator
@@ -131,8 +131,21 @@ class _LogPass:
         for chunk in self.log:
             if self._estimator is None:
                 progress("preparing; the first run on a machine compiles for some seconds", 0, 0)
-                self._estimator = self._made(chunk)
-            time, samples = chunk.time, self._converted(chunk)
+                self._estimator = self._made(chunk.imu)
+            time, robot, frame = chunk.time, request.robot, self.log.imu_frame
+            self._check_rate(time)
+            if chunk.imu is None and self.log is request.tare:
+                self.log.notes["no IMU in the tare's log: its vertical is the direction of the feet's forces"] = None
+            if self._shift:
+                chunk = replace(chunk, time=time + self._shift)
+            samples: Samples | list[Measurement]
+            if isinstance(self._estimator, TrunkEstimator):
+                samples = kept = Samples.of_recording(chunk, robot, frame)
+            else:
+                found = measurements_of(chunk, robot, frame) if chunk.imu else measurements_without_imu(chunk, robot)
+                samples = list(found)
+                kept = Samples.of(samples)
+            self._footprint.add(kept)
             entries = set((np.flatnonzero(np.diff(np.floor(time / settings.entry)) > 0) + 1).tolist())
             begin, end = 0, len(time)
             if self._range is not None:
@@ -232,8 +245,8 @@ class _LogPass:
             known = self._request.settings.trunk.changes.history
             yield f"a load put on in the first {known:g} s counts as part of the trunk; a tare (--tare) tells it apart"
 
-    def _made(self, chunk: Recording) -> Weigher:
-        request, robot, imu = self._request, self._request.robot, chunk.imu
+    def _made(self, imu: Imu | None) -> Weigher:
+        request, robot = self._request, self._request.robot
         if self._method.at_rest:
             lacks = "; the log has no IMU, without which only rest can be weighed by" if imu is None else ""
             return AtRest(robot, self._locating, request.settings, lacks)
@@ -273,26 +286,13 @@ class _LogPass:
             posture = PostureLaw(np.array(stiffness), first.rotation, feeds_back=False)
         return self._method.make(Setup(self._request.robot, forces=forces, posture=posture))
 
-    def _converted(self, chunk: Recording) -> Samples | list[Measurement]:
-        """The chunk's samples on the estimator's clock, in the form that the estimator takes best."""
-        robot, frame, settings = self._request.robot, self.log.imu_frame, self._request.settings
-        step = float(np.median(np.diff(chunk.time))) if len(chunk) > 1 else 0.0
+    def _check_rate(self, time: Array) -> None:
+        settings, step = self._request.settings, float(np.median(np.diff(time))) if len(time) > 1 else 0.0
         if not self._method.at_rest and step * settings.least_rate > settings.jitter:
             raise RecordingError(
                 f"{self.log.source.source}: {1 / step:.3g} samples a second, of which weighing in motion sees too "
                 f"little; {settings.least_rate:.3g} are needed"
             )
-        if self.log is self._request.tare and chunk.imu is None:
-            self.log.notes["no IMU in the tare's log: its vertical is the direction of the feet's forces"] = None
-        chunk = replace(chunk, time=chunk.time + self._shift) if self._shift else chunk
-        if isinstance(self._estimator, TrunkEstimator):
-            samples = Samples.of_recording(chunk, robot, frame)
-            self._footprint.add(chunk.time, samples.position, samples.specific_force)
-            return samples
-        measured = measurements_without_imu(chunk, robot) if chunk.imu is None else measurements_of(chunk, robot, frame)
-        found = list(measured)
-        self._footprint.add(chunk.time, chunk.position, np.array([m.specific_force for m in found]))
-        return found
 
     def _record(self, begin: float, *, entry: bool) -> None:
         """Notes a refusal since `begin` [s], and adds an entry to the timeline, once there is an estimate."""

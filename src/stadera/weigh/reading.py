@@ -15,7 +15,7 @@ from itertools import chain
 import numpy as np
 
 from stadera.checks import FATAL, Finding, contradictions, diagnose
-from stadera.checks.windows import window_faults, with_verdicts
+from stadera.checks.windows import WindowFault, window_faults, with_verdicts
 from stadera.errors import RecordingError, UntrustedError
 from stadera.logs import Recording, stream, take
 from stadera.logs.recording import OtherJoints, with_velocity
@@ -100,18 +100,20 @@ class CheckedLog:
         """
         for chunk in chain((self.first,), self._chunks):
             self.end = float(chunk.time[-1])
-            self._check_windows(chunk)
+            duration, limits = self.end - float(chunk.time[0]), self._settings.windows
+            self._skip(window_faults(chunk, self._robot, limits), duration)
             checked = with_velocity(chunk)
             self.notes |= dict.fromkeys(checked.notes)
             self.doubts |= {("doubtful", doubt): None for doubt in checked.doubts}
-            if self.event is None:
-                self._check(checked)
-            else:
+            if self.event is not None:
                 self.event = replace(self.event, end=self.end)
-            if self.refusals:
-                checked = take(checked, self._used(checked.time))
-            if len(checked):
-                yield checked
+            elif findings := diagnose(checked, self._robot, self.imu_frame):
+                self._found(findings, checked, limits.left_out * duration)
+            else:
+                self._sound = True
+            used = self._used(checked.time)
+            if used.any():
+                yield checked if used.all() else take(checked, used)
 
     def _used(self, time: Array) -> Bools:
         """The samples outside the times that are left out."""
@@ -122,9 +124,9 @@ class CheckedLog:
             used &= time > self.before.end
         return used if self.event is None else used & (time < self.event.begin)
 
-    def _check_windows(self, chunk: Recording) -> None:
-        limits, duration = self._settings.windows, float(chunk.time[-1] - chunk.time[0])
-        for fault, verdict in with_verdicts(window_faults(chunk, self._robot, limits), duration, limits):
+    def _skip(self, faults: Sequence[WindowFault], duration: float) -> None:
+        """Leaves out the windows of faults that are short, and doubts the log for the others."""
+        for fault, verdict in with_verdicts(faults, duration, self._settings.windows):
             if verdict is not None:
                 self.doubts[verdict, fault.message(self.begin)] = None
                 continue
@@ -132,15 +134,14 @@ class CheckedLog:
             parts = [Refusal(begin, end, f"{fault.what} {fault.evidence}") for begin, end in fault.windows]
             self.left_out += [part for part in parts if part.begin not in [known.begin for known in self.left_out]]
 
-    def _check(self, chunk: Recording) -> None:
-        findings = diagnose(chunk, self._robot, self.imu_frame)
+    def _found(self, findings: Sequence[Finding], chunk: Recording, most: float) -> None:
+        """Decides what the findings on a chunk mean; those of at most so long [s] are left out."""
         wrong = any(f.cause in (*FATAL, "contradiction", "not_on_feet") for f in findings)
         units = chunk.time[0] == self.begin and any(f.cause in _UNITS for f in findings)
         if wrong and not units and self._on_feet(chunk):
             self._sound = True
             return
         self._sound = self._sound or not wrong
-        most = self._settings.windows.left_out * float(chunk.time[-1] - chunk.time[0])
         for finding in findings:
             if finding.span is not None and finding.span[1] - finding.span[0] <= most:
                 self.notes[f"left out: {finding}"] = None

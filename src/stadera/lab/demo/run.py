@@ -33,9 +33,6 @@ Progress = Callable[[str, float, str], None]
 
 Message = tuple[str, float, str]
 
-_TELL_EVERY = 100  # periods
-_POLL = 0.1  # s
-
 
 @dataclass(frozen=True)
 class DemoSettings:
@@ -137,7 +134,7 @@ def one_run(settings: DemoSettings, supervision: Supervision, progress: Progress
     def watch(walk: LoadedWalk) -> None:
         nonlocal periods
         camera.look(walk)
-        if progress and periods % _TELL_EVERY == 0:
+        if progress and periods % 100 == 0:
             doing = str(walk.crawl.phase if walk.supervisor is None else walk.supervisor.state)
             progress(name, walk.bed.plant.time / settings.duration, doing)
         periods += 1
@@ -173,7 +170,7 @@ def _report(messages: Queue[Message], futures: list[Future[DemoRun | str]], prog
     """Passes on the processes' messages until they are done."""
     while True:
         try:
-            message = messages.get(timeout=_POLL)
+            message = messages.get(timeout=0.1)
         except queue.Empty:
             if all(future.done() for future in futures):
                 return

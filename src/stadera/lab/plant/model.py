@@ -23,10 +23,6 @@ from stadera.robot.mjcf import keep_quiet
 from stadera.robot.model import Robot, Tree
 from stadera.types import Array
 
-_FREE_RANGE = np.pi  # rad, where a joint has no limit
-
-_DRY_FRICTION = (0.99, 0.99, 1e-3, 0.5, 2.0)  # with the fastest reference allowed: the narrowest zone of creep
-
 
 @dataclass(frozen=True)
 class ModelOptions:
@@ -71,7 +67,8 @@ def build_spec(robot: Robot, tree: Tree, options: ModelOptions) -> mujoco.MjSpec
             damping=[dynamics.viscous, 0.0, 0.0],
             frictionloss=dynamics.coulomb,
             solref_friction=(2.0 * options.timestep, 1.0),
-            solimp_friction=_DRY_FRICTION,
+            # with the fastest reference allowed: the narrowest zone of creep
+            solimp_friction=(0.99, 0.99, 1e-3, 0.5, 2.0),
         )
         _add_motor(spec, joint, robot.limits[joint].effort, options.drive_state)
         bodies.append(body)
@@ -136,8 +133,8 @@ def quaternion_wxyz(rotation: Array) -> Array:
 def workspace(robot: Robot, tree: Tree, samples: int = 200, seed: int = 20170924) -> Array:
     """Joint positions spread over the joints' ranges (±π where unlimited) [rad], (samples, n); always the same."""
     limits = [robot.limits[joint] for joint in tree.joints]
-    lower = np.array([max(limit.lower, -_FREE_RANGE) for limit in limits])
-    upper = np.array([min(limit.upper, _FREE_RANGE) for limit in limits])
+    lower = np.array([max(limit.lower, -np.pi) for limit in limits])
+    upper = np.array([min(limit.upper, np.pi) for limit in limits])
     return np.random.default_rng(seed).uniform(lower, upper, (samples, len(limits)))
 
 

@@ -31,7 +31,6 @@ from stadera.lab.plant.world import box_body, build_world, foot_radius
 from stadera.robot.model import Robot
 from stadera.types import Array
 
-_FREE_POSITIONS, _FREE_VELOCITIES = 7, 6
 _XYZW = np.array([1, 2, 3, 0])
 _WXYZ = np.array([3, 0, 1, 2])
 
@@ -214,8 +213,7 @@ class Plant:
         self._model = build_world(self.robot, self.terrain, self.timestep, boxes)
         self._data = mujoco.MjData(self._model)
         n = self._joint_count
-        self._q = slice(_FREE_POSITIONS, _FREE_POSITIONS + n)
-        self._v = slice(_FREE_VELOCITIES, _FREE_VELOCITIES + n)
+        self._q, self._v = slice(7, 7 + n), slice(6, 6 + n)  # after the trunk's free joint
         # views into MuJoCo's memory
         self._joint_position, self._joint_velocity = self._data.qpos[self._q], self._data.qvel[self._v]
         self._control, self._effort = self._data.ctrl, self._data.actuator_force
@@ -280,7 +278,7 @@ class Plant:
         data = self._data
         quat = data.qpos[3:7]
         centre = np.array([*box.position, self._tray.top + box.height + 0.5 * box.size[2]])
-        q, v = self._q.stop + _FREE_POSITIONS * index, self._v.stop + _FREE_VELOCITIES * index
+        q, v = self._q.stop + 7 * index, self._v.stop + 6 * index
         data.qpos[q : q + 3] = data.qpos[:3] + _rotated(centre, quat)
         data.qpos[q + 3 : q + 7] = quat
         data.qvel[v : v + 3] = data.qvel[:3] + _rotated(np.cross(data.qvel[3:6], centre), quat)

@@ -10,8 +10,6 @@ from numpy.typing import ArrayLike
 from stadera.errors import ModelError, positive
 from stadera.types import Array
 
-_STEEPEST = np.deg2rad(60.0)
-
 
 @dataclass(frozen=True)
 class Stones:
@@ -62,7 +60,7 @@ class Terrain:
     softness: float = 0.0  # time constant of its contacts [s]; 0 for the hardest that the simulation's timestep allows
 
     def __post_init__(self) -> None:
-        if not abs(self.slope) <= _STEEPEST:
+        if not abs(self.slope) <= np.deg2rad(60.0):
             raise ModelError(f"terrain slope must lie within ±60°, got {np.rad2deg(self.slope):.1f}°")
         if not np.isfinite(self.heading):
             raise ModelError(f"terrain heading is not finite: {self.heading}")

@@ -33,8 +33,6 @@ from stadera.weigh.truth import Truth, TruthAt, read_truth, truth_json, truth_pa
 PERIOD = 1e-3
 """[s], of simulation and control."""
 
-_PROGRESS_EVERY = 250  # periods
-
 
 @dataclass(frozen=True, eq=False)
 class Run:
@@ -171,6 +169,6 @@ def _played(bed: TestBed, events: list[ScriptEvent], duration: float, progress: 
                 moments = [m for m in moments if m.time < bed.plant.time]
                 moments.append(TruthAt.of(bed.plant.time, bed.plant.truth(), bare))
         bed.step()
-        if progress and k % _PROGRESS_EVERY == 0:
+        if progress and k % 250 == 0:
             progress("simulating", k, total)
     return tuple(moments)

@@ -16,9 +16,6 @@ from stadera.logs.recording import Recording
 from stadera.robot.model import Robot
 from stadera.trunk.model import TrunkBounds
 
-_RATE = 250.0  # Hz
-_BOX = (0.1, 0.1, 0.1)  # m, edges of a load given as a mass
-
 
 @dataclass(frozen=True)
 class Load:
@@ -41,7 +38,7 @@ class Load:
     def payload(self, robot: Robot) -> Payload:
         """Converts it to a payload of the test-bed."""
         at = self.at or _behind(robot)
-        return VirtualForce(self.amount, at) if self.unit == "N" else RigidMass.box(self.amount, _BOX, at)
+        return VirtualForce(self.amount, at) if self.unit == "N" else RigidMass.box(self.amount, (0.1, 0.1, 0.1), at)
 
 
 @dataclass(frozen=True)
@@ -69,8 +66,7 @@ class SimulateSettings:
     def __post_init__(self) -> None:
         if self.errors.lower() not in (*ERROR_SETS, *REAL_SETS):
             raise UnknownNameError("set of errors", self.errors, (*ERROR_SETS, *REAL_SETS))
-        rate = _RATE if self.rate is None else self.rate
-        every = 1000.0 / rate if np.isfinite(rate) and rate > 0 else 0.0
+        every = 1.0 if self.rate is None else 1000.0 / self.rate if np.isfinite(self.rate) and self.rate > 0 else 0.0
         if every < 1 or abs(every - round(every)) > 1e-9:
             raise StaderaError(
                 f"a log's rate must be 1000 Hz over a whole number (1000, 500, 250, ...), got {self.rate}"
@@ -93,7 +89,7 @@ class SimulateSettings:
     @property
     def every(self) -> int:
         """Periods of the test-bed per sample of the log."""
-        return round(1000.0 / (self.rate or _RATE))
+        return round(1000.0 / (self.rate or 250.0))
 
 
 def _require(least: float, **values: float | None) -> None:

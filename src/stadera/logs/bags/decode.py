@@ -30,15 +30,12 @@ JOINT_STATE = "sensor_msgs/msg/JointState"
 IMU = "sensor_msgs/msg/Imu"
 IMU_NAMES = tuple(name for names in IMU_COLUMNS.values() for name in names)
 
-_LARGEST_MESSAGE = 1 << 24
-"""Largest size of a message that does not state its size [bytes]."""
 ZSTD = b"\x28\xb5\x2f\xfd"
 """First bytes of a message that was compressed individually."""
 
 
 _LITTLE = b"\0\1\0\0"  # encapsulation of CDR in little-endian order
-_STAMP = 12  # start of the frame's name: after encapsulation and stamp
-_IMU_NUMBERS = 37  # quaternion, rates and specific force, each followed by nine of its covariance
+_STAMP = 4 + 8  # start of the frame's name: after encapsulation and stamp
 _IMU_ORDER = np.array([13, 14, 15, 25, 26, 27, 0, 1, 2, 3])
 _UNKNOWN = ((16, slice(0, 3)), (28, slice(3, 6)), (4, slice(6, 10)))  # covariances that begin with -1, and their values
 
@@ -96,7 +93,7 @@ def uncompressed(data: bytes) -> bytes:
     size = zstandard.frame_content_size(data)
     DEFAULTS.require("unpacked", size, "a message", "bytes that it unpacks to")
     if size < 0:  # not stated
-        return zstandard.ZstdDecompressor().stream_reader(data).read(_LARGEST_MESSAGE)
+        return zstandard.ZstdDecompressor().stream_reader(data).read(1 << 24)
     return zstandard.ZstdDecompressor().decompress(data)
 
 
@@ -219,7 +216,9 @@ class _Repeated:
             return
         joints = 0 if self._is_imu else len(samples.columns) // 3
         # the second and third array are preceded by 8 bytes with their length
-        count = _IMU_NUMBERS if self._is_imu else 3 * joints + 2
+        count = 3 * joints + 2
+        if self._is_imu:
+            count = 4 + 9 + 2 * (3 + 9)  # quaternion, rates, specific force, each followed by its covariance
         first = len(data) - 8 * count
         if (first - 4) % 8 or first <= _STAMP or not (joints or self._is_imu):
             return  # more data follows, or an array is empty

@@ -10,9 +10,6 @@ from stadera.errors import RecordingError
 from stadera.limits import Budget
 from stadera.logs.bags.container import Message, Topic, salvaged
 
-_OPERATIONS = 100_000  # of sqlite's virtual machine, between two checks of the time
-_LONGEST = 1_000_000_000  # bytes, sqlite's own limit
-
 
 class SqliteFile:
     """Topics and messages of a .db3 file."""
@@ -65,8 +62,10 @@ def _open(path: Path, budget: Budget) -> sqlite3.Connection:
     end.
     """
     database = sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True)
-    database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, min(int(budget.limits.unpacked), _LONGEST))
-    database.set_progress_handler(lambda: budget.is_over, _OPERATIONS)
+    database.setlimit(
+        sqlite3.SQLITE_LIMIT_LENGTH, min(int(budget.limits.unpacked), 1_000_000_000)
+    )  # sqlite's own limit
+    database.set_progress_handler(lambda: budget.is_over, 100_000)  # operations between two checks
     database.execute("PRAGMA trusted_schema=OFF")
     # without this, sqlite rejects a file that is shorter than its header states
     database.execute("PRAGMA writable_schema=ON")

@@ -54,6 +54,8 @@ def answer(result: Identification) -> str:
     part = evaluated_part(result)
     names, errors = ", ".join(leg.leg.name for leg in result.legs), overall_rmse(result, part)
     where = "motion not used for fitting" if part == "validation" else "the training data"
+    if not errors.get("identified"):
+        return f"Links and drives of {names} by a robot on its feet, whose torques hold its weight too: no RMSE."
     said = f"Torques of {names} are predicted to {number(errors['identified'], 3)} N·m RMSE on {where}"
     torques = [rms for leg in result.legs for rms in torque_rms(leg, part).values()]
     if any(torques):

@@ -63,7 +63,7 @@ def leg_table(result: Identification) -> TableData:
             (
                 Cell(name, strong=True),
                 f"{seen.rank} of {leg.structural_rank}",
-                number(errors["identified"], 3),
+                number(errors["identified"], 3) if errors.get("identified") else "none",
                 _against_cad(errors),
                 number(result.trust.by_leg.get(name, nan), 3),
                 "yes" if leg.estimate.is_physical else Cell("NO", good=False),
@@ -100,7 +100,24 @@ def drives_table(result: Identification) -> TableData:
 def tables(result: Identification) -> list[TableData]:
     """Tables for a paper: links of each leg, drives, then the torque errors."""
     drives = drives_table(result)
-    return [*map(link_table, result.legs), *([drives] if drives.groups else []), rmse_table(result)]
+    trunk = [] if result.trunk is None else [trunk_table(result)]
+    return [*map(link_table, result.legs), *trunk, *([drives] if drives.groups else []), rmse_table(result)]
+
+
+def trunk_table(result: Identification) -> TableData:
+    """The trunk of a robot on its feet, payload included, beside the model's."""
+    assert result.trunk is not None
+    prior, found = result.robot.inertias[result.robot.trunk], result.trunk
+    names = ("mass [kg]", "com x [m]", "com y [m]", "com z [m]")
+    values = zip(
+        names, (prior.mass, *prior.com), (found.inertial.mass, *found.inertial.com), (found.mass_std, *found.com_std),
+        strict=True,
+    )  # fmt: skip
+    rows = [
+        [name, number(model, 3), number(value, 4), number(std, 2) if std == std else "not observed"]
+        for name, model, value, std in values
+    ]
+    return TableData.of(f"Trunk ({result.robot.trunk}), payload included", ("", "model", "value", "std"), rows)
 
 
 def rmse_table(result: Identification) -> TableData:

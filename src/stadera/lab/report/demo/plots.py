@@ -10,9 +10,6 @@ from stadera.lab.report.demo.terminal import NAMES
 from stadera.lab.supervise import State
 from stadera.report.figures import Axis, Figure, Guide, Panel, band, line, stacked
 
-CLOSE = (1.0, 2.5)
-"""Default time range of plots of weighing while walking: before the load and after it [s]."""
-
 _TRUE, _CONTROLLER = "true", "controller and planner"
 _BAND = "as weighed, ± 2 standard deviations"
 _SHADES = {
@@ -69,8 +66,8 @@ def _window(result: DemoResult) -> tuple[float, float] | None:
     """Time range for weighing while walking, which converges quickly; None otherwise."""
     if result.settings.classic:
         return None
-    at, (before, after) = result.settings.load_at, CLOSE
-    return max(at - before, 0.0), min(at + after, result.settings.duration)
+    at = result.settings.load_at
+    return max(at - 1.0, 0.0), min(at + 2.5, result.settings.duration)
 
 
 def _over_time(

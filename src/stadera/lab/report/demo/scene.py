@@ -27,10 +27,6 @@ from stadera.robot import load_robot
 from stadera.robot.model import Leg, Robot
 from stadera.types import Array
 
-_WITH_MESHES = ("hyq",)
-
-_COVER = 0.002  # m
-
 _LIMBS = ((0.13, 0.13, 0.17), (0.13, 0.09, 0.17), (0.085, 0.05, 0.12))
 """Radii of hip, thigh and shank at both ends, and of their drives, as shares of the thigh's length."""
 
@@ -45,9 +41,9 @@ def robot_parts(robot: Robot) -> dict[str, Any]:
 
 
 def _bundled(name: str) -> dict[str, Any]:
-    if name not in _WITH_MESHES:
-        return {"meshes": {}, "parts": []}
     file = resources.files("stadera.lab.report") / "vendor" / f"{name}.json"
+    if not file.is_file():
+        return {"meshes": {}, "parts": []}
     return dict(json.loads(file.read_text(encoding="utf-8")))
 
 
@@ -60,7 +56,8 @@ def _mesh_part(part: dict[str, Any], joints: tuple[str, ...]) -> dict[str, Any]:
 def _plate(robot: Robot) -> dict[str, Any]:
     """The plate on which boxes land; slightly higher than in the plant, so that it covers a back at the same height."""
     tray = Tray.of(robot)
-    at = tray.centre + np.array([0.0, 0.0, _COVER])
+    cover = 0.002  # m
+    at = tray.centre + np.array([0.0, 0.0, cover])
     return {"link": 0, "kind": "plate", "size": short(2.0 * tray.half_size), "at": short(at), "turn": [0, 0, 0, 1]}
 
 
@@ -108,7 +105,6 @@ def short(values: Any) -> list[float]:
 BEFORE = 2.0
 """Time before the drop at which the scene begins [s]."""
 
-_TIPS = np.deg2rad(10.0)
 _MOST, _NONE = 32767, -32768
 _COLUMNS = ("trunk", "joints", "box", "feet", "force", "down", "limited", "com", "model", "margin")
 
@@ -190,10 +186,10 @@ def _events(run: DemoRun) -> Iterator[dict[str, Any]]:
 
 
 def _tips(run: DemoRun) -> float | None:
-    """Time at which the trunk is first tilted by more than `_TIPS` with the load."""
+    """Time at which the trunk is first tilted by more than 10° with the load."""
     film = run.film
     upright = 1.0 - 2.0 * (film.trunk[:, 3] ** 2 + film.trunk[:, 4] ** 2)
-    tilted = np.flatnonzero((upright < np.cos(_TIPS)) & (film.time > run.outcome.trace.loaded_at))
+    tilted = np.flatnonzero((upright < np.cos(np.deg2rad(10.0))) & (film.time > run.outcome.trace.loaded_at))
     return float(film.time[tilted[0]]) if len(tilted) else None
 
 

@@ -19,8 +19,6 @@ from stadera.report.weigh.tables import place
 NAMES = ("without identification", "with identification")
 """Names of the two runs."""
 
-_CM = 100.0
-
 
 def demo_tables(result: DemoResult) -> Iterator[RenderableType]:
     """Outcomes of both runs, the estimated payload, and the supervisor's actions."""
@@ -94,11 +92,11 @@ def _comparison(result: DemoResult) -> Iterator[Row]:
     yield each("because", lambda o: "; ".join(o.verdict.reasons) or "–")
     yield each("got ahead, of what was commanded [m]", ahead)
     yield each("steps lost", lost)
-    yield each("least margin of the true centre of mass [cm]", lambda o: f"{_CM * o.least_margin_ever:.1f}")
+    yield each("least margin of the true centre of mass [cm]", lambda o: f"{100.0 * o.least_margin_ever:.1f}")
     yield each("error of the trunk's mass in the controller [kg]", lambda o: f"{o.model.mass - o.truth.mass:+.2f}")
     yield each(
         "error of its centre of mass in x-y, the same [cm]",
-        lambda o: f"{_CM * float(np.linalg.norm((o.model.com_trunk - o.truth.com)[:2])):.2f}",
+        lambda o: f"{100.0 * float(np.linalg.norm((o.model.com_trunk - o.truth.com)[:2])):.2f}",
     )
 
 

@@ -1,0 +1,119 @@
+"""Links, drives and the trunk from a robot on its feet, alone and together with legs in the air."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from stadera import identify
+from stadera.identify.floating import _without_prior, floating_log
+from stadera.identify.result import Identification
+from stadera.identify.schema import with_identified_legs
+from stadera.identify.settings import IdentifySettings
+from stadera.information import Information
+from stadera.lab.plant import simulate_leg
+from stadera.lab.scenarios.run import simulate
+from stadera.lab.scenarios.settings import SimulateSettings
+from stadera.logs import Recording
+from stadera.robot import JointDynamics, Robot
+
+from identify.leg_runs import hyq, noisy, swing  # isort: skip
+
+
+@cache
+def made() -> Robot:
+    """A HyQ whose knees have 1.5 N·m of Coulomb friction that the model lacks."""
+    drives = {leg.joints[2]: JointDynamics(coulomb=1.5) for leg in hyq().legs}
+    return replace(hyq(), dynamics=dict(hyq().dynamics) | drives)
+
+
+@cache
+def walk() -> Recording:
+    """A crawl of the robot: what its drives need more than the model's is added to the torques."""
+    recording = simulate(
+        hyq(), "crawl", SimulateSettings(errors="standard", duration=10.0, rate=250.0, seed=1)
+    ).recording
+    knees = [recording.joints.index(leg.joints[2]) for leg in hyq().legs]
+    assert recording.effort is not None
+    rate = recording.channel("velocity", recording.joints)[:, knees]
+    effort = recording.effort.copy()
+    effort[:, knees] += 1.5 * np.tanh(rate / 0.02)
+    return replace(recording, effort=effort, source="walk")
+
+
+@cache
+def on_feet() -> Identification:
+    return identify(hyq(), walk())
+
+
+def test_a_walk_tells_trunk_and_drives() -> None:
+    result = on_feet()
+    truth = hyq().inertias[hyq().trunk]
+    assert result.trunk is not None
+    assert abs(result.trunk.inertial.mass - truth.mass) < 3.0 * result.trunk.mass_std
+    z = []
+    for leg in result.legs:
+        knee = leg.parameters[f"{leg.leg.joints[2]}.coulomb"]
+        assert knee.std is not None
+        z.append((knee.value - 1.5) / knee.std)
+        assert leg.estimate.is_physical
+    assert np.abs(z).max() < 3.5
+    values = [leg.parameters[f"{leg.leg.joints[2]}.coulomb"].value for leg in result.legs]
+    assert np.median(values) == pytest.approx(1.5, rel=0.25)
+
+
+def test_what_is_not_observed_stays_at_the_model() -> None:
+    for leg in on_feet().legs:
+        for link in leg.leg.links:
+            mass = leg.parameters[f"{link}.m"]
+            assert mass.value == pytest.approx(mass.prior, rel=0.1)
+            assert mass.is_held or mass.std is not None
+
+
+def test_the_prior_divided_out_and_put_back_gives_the_posterior() -> None:
+    rng = np.random.default_rng(0)
+    rows, noise = rng.normal(size=(3, 5)), rng.normal(size=(5, 5))
+    prior = noise @ noise.T + np.eye(5)
+    target = rng.normal(size=3)
+    covariance = np.linalg.inv(rows.T @ rows + np.linalg.inv(prior))
+    R, z = _without_prior(covariance @ rows.T @ target, covariance, prior, least=1e-9)
+    np.testing.assert_allclose(R.T @ R, rows.T @ rows, atol=1e-9)
+    np.testing.assert_allclose(R.T @ z, rows.T @ target, atol=1e-9)
+
+
+def test_walk_and_legs_in_the_air_together_know_more(tmp_path: Path) -> None:
+    hung = simulate_leg(made(), "RH", swing().sample(250.0))
+    air = noisy(replace(hung, velocity=None, acceleration=None, source="air"), 0.5)
+    together, alone = (identify(hyq(), logs, IdentifySettings(legs=("RH",))) for logs in ([air, walk()], air))
+    joint = hyq().leg("RH").joints[2]
+    both, one = (r.legs[[leg.leg.name for leg in r.legs].index("RH")].parameters for r in (together, alone))
+    assert both[f"{joint}.coulomb"].std <= one[f"{joint}.coulomb"].std * 1.001
+    assert both[f"{joint}.coulomb"].value == pytest.approx(1.5, rel=0.15)
+    assert together.trunk is not None
+    assert alone.trunk is None
+    assert "walk" in together.source
+    together.save_json(path := tmp_path / "robot.json")
+    taken = with_identified_legs(hyq(), path)
+    np.testing.assert_allclose(taken.inertias[hyq().trunk].vector, together.trunk.inertial.vector, rtol=1e-6, atol=1e-9)
+    assert taken.dynamics[joint].coulomb == pytest.approx(both[f"{joint}.coulomb"].value)
+
+
+def test_tables_and_page_of_a_walk() -> None:
+    from stadera.report.identify.tables import identification_tables
+
+    assert identification_tables(on_feet())
+    assert "trunk" in repr(on_feet())
+    assert "<html" in on_feet().to_html()
+    assert on_feet().to_dict()["trunk"]["mass"]["std"] > 0.0
+
+
+def test_offsets_of_several_walks_are_each_log_s_own() -> None:
+    log = floating_log(hyq(), walk(), lambda *_: None)
+    name = hyq().legs[0].name
+    kept, dropped = (log.of_leg(name, {}, offsets=o) for o in (True, False))
+    assert isinstance(kept, Information)
+    assert {n for n in kept.names if n not in dropped.names} == {f"{j}.offset" for j in hyq().legs[0].joints}
