@@ -156,6 +156,14 @@ def with_noise_of(
     return tuple(out)
 
 
+def information_of(job: Job, part: Part, gathered: Sequence[Gathered]) -> list[Information]:
+    """Information of a part of one log on each leg, weighted by the noise and correlation of the training part."""
+    return [
+        replace(data, by_joint=_summed_up(_rows(job, task, part), task)).whitened(task.fixed)
+        for task, data in zip(job.tasks, gathered, strict=True)
+    ]
+
+
 def _rows(job: Job, task: LegTask, training: Part) -> Iterator[tuple[Rows, ...]]:
     return (rows for _, rows in smoothed_rows(task, training, job.trunk, job.rows_cutoff, job.drop_below))
 

@@ -15,10 +15,11 @@ import numpy as np
 
 from stadera.body import JointMotion, TrunkMotion
 from stadera.checks import Guard
+from stadera.identify.agreement import Agreement
 from stadera.identify.floating import FloatingLog, floating_log
-from stadera.identify.gather import Gathered, gather, with_noise_of, with_varying_friction
+from stadera.identify.gather import Gathered, gather, information_of, with_noise_of, with_varying_friction
 from stadera.identify.job import Job, LegTask, joints_of, parts_of, prepare, stands
-from stadera.identify.log import Part
+from stadera.identify.log import Part, Section, time_span
 from stadera.identify.observability import Combination, Observability, observability
 from stadera.identify.residuals import LegModels, LegScore, scored
 from stadera.identify.result import Identification, KnownCombination, LegIdentification, robot_with_legs, unit_of
@@ -101,7 +102,9 @@ def _from_feet(
     floats = [floating_log(robot, log, progress) for log in logs]
     told = [_floating_information(task, floats, Information.empty(task.prior.columns)) for task in tasks]
     posed = [(task.leg, found, task.prior) for task, found in zip(tasks, told, strict=True)]
+    agreement = _agreement(tasks, [log.source for log in floats], [], floats)
     estimates = solve_legs(posed, asked.method, asked.spread, asked.solver, progress)
+    estimates = [_widened(found, agreement) for found in estimates]
     legs = tuple(
         LegIdentification(
             task.leg, task.nominal, *found, structural_rank=found[0].observability.rank, information=information
@@ -122,7 +125,9 @@ def _from_feet(
         validated_on=None,
         trust=trust,
         notes=_feet_notes(floats),
+        warnings=agreement.differs if agreement else (),
         trunk=_best_trunk(floats),
+        agreement=agreement,
     )
 
 
@@ -173,6 +178,12 @@ def _identified(
         ]
         floats = [floating_log(robot_with_legs(job.robot, known), log, job.progress) for log in on_feet]
         estimates = _solve(job, gathered, floats)
+    names, parts = _compared_parts(job, fitted, training, held_back)
+    # a log has noise of its own, in which the difference from others is not
+    several = len(parts) > 2 or names[0].startswith("log ")
+    told = [_alone(job, part) if several else information_of(job, part, gathered) for part in parts]
+    agreement = _agreement(job.tasks, [*names, *(log.source for log in floats)], told, floats)
+    estimates = [_widened(found, agreement) for found in estimates]
     legs, samples = _scored_legs(job, gathered, estimates, training, held_back)
     doubts = (*job.doubts, *log_warnings(job.vertical, legs, samples, job.settings.trust))
     return Identification(
@@ -185,8 +196,58 @@ def _identified(
         trust=reduce(_with_trust_of, floats, trust_in(job, gathered, [asked for asked, _ in estimates], doubts)),
         notes=(*training.notes, job.vertical.note, *job.notes, *_pooling_note(job), *_feet_notes(floats)),
         trunk=_best_trunk(floats),
-        warnings=(*((_at_rest(job),) if at_rest else ()), *doubts),
+        warnings=(*((_at_rest(job),) if at_rest else ()), *doubts, *(agreement.differs if agreement else ())),
+        agreement=agreement,
     )
+
+
+def _alone(job: Job, part: Part) -> list[Information]:
+    """Information of one log on each leg, in units of the noise that its own solution leaves."""
+    own = gather(job, part)
+    own = with_noise_of(job, part, own, [asked for asked, _ in _solve(job, own)])
+    return [data.whitened(task.fixed) for task, data in zip(job.tasks, own, strict=True)]
+
+
+def _compared_parts(
+    job: Job, logs: Sequence[LogFile | Recording], training: Part, held_back: Part | None
+) -> tuple[list[str], list[Part]]:
+    """Parts to compare: each log, or the beginning and the rest of a single one."""
+    rest = () if held_back is None else held_back.stretches
+    held = () if held_back is None else (held_back,)
+    if len(training.stretches) > 1 or len(rest) > 1 or (rest and rest[0].log is not training.stretches[0].log):
+        stretches: dict[int, list[Section]] = {}
+        for stretch in (*training.stretches, *rest):
+            stretches.setdefault(id(stretch.log), []).append(stretch)
+        names = [f"log {k + 1} ({own[0].log.source})" for k, own in enumerate(stretches.values())]
+        return names, [training.of(own, *held) for own in stretches.values()]
+    if not rest:
+        start, stop = time_span(logs[0], job.joints)
+        own, middle = training.stretches[0], 0.5 * (start + stop)
+        halves = replace(own, stop=middle), replace(own, start=middle)
+        return ["the first half", "the second half"], [training.of([half]) for half in halves]
+    return ["the first part", "the rest"], [training, *held]
+
+
+def _agreement(
+    tasks: Sequence[LegTask], names: Sequence[str], told: Sequence[Sequence[Information]], floats: Sequence[FloatingLog]
+) -> Agreement | None:
+    """Between parts of legs in the air, with `told` by part and leg, and logs on its feet."""
+    if len(names) < 2:
+        return None
+    single = not floats and len(told) == 2 and not names[0].startswith("log ")
+    legs = []
+    for k, task in enumerate(tasks):
+        lasting = [c for c in task.prior.columns if not c.endswith(".offset")]
+        own = [part[k] if single else part[k].marginal(lasting) for part in told]
+        legs.append(([*own, *(log.of_leg(task.leg.name, task.fixed, offsets=False) for log in floats)], task.prior))
+    return Agreement.of(names, legs)
+
+
+def _widened(found: tuple[Estimate, Estimate], agreement: Agreement | None) -> tuple[Estimate, Estimate]:
+    if agreement is None:
+        return found
+    first, second = (replace(e, covariance=agreement.widened(e.columns, e.covariance)) for e in found)
+    return first, second
 
 
 def _at_rest(job: Job) -> str:

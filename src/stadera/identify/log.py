@@ -119,6 +119,12 @@ class Part:
         self._kept: dict[Section, tuple[Processed, ...]] = {}
         self._notes: dict[Section, tuple[str, ...]] = {}
 
+    def of(self, stretches: Sequence[Section], *others: Part) -> Part:
+        """Some stretches of this part and of others, with what these have in memory."""
+        part = Part(stretches, self.joints, self.settings)
+        part._kept = dict(chain.from_iterable(p._kept.items() for p in (self, *others)))
+        return part
+
     @property
     def notes(self) -> tuple[str, ...]:
         """Remarks on the processing, available after a pass."""

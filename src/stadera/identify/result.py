@@ -13,6 +13,7 @@ import numpy as np
 
 from stadera.body import FRICTION_UNITS
 from stadera.files import written_together
+from stadera.identify.agreement import Agreement
 from stadera.identify.observability import Identifiability
 from stadera.identify.solutions import Estimate
 from stadera.identify.varying import VARYING_UNITS
@@ -169,6 +170,7 @@ class Identification(Result):
         trust: how well the legs explain the torques.
         notes: processing steps applied to the log, in order.
         warnings: that concern the whole log.
+        agreement: of the logs, or of the two parts of a single one; None if there is only one part.
         trunk: of a robot that stood or walked, payload included; None without such a log.
     """
 
@@ -182,6 +184,7 @@ class Identification(Result):
     notes: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
     trunk: TrunkParameters | None = None
+    agreement: Agreement | None = None
 
     @property
     def rank(self) -> int:

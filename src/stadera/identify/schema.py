@@ -56,6 +56,7 @@ def identification_dict(result: Identification) -> dict[str, Any]:
         "physical": result.is_physical,
         "rmse": _rmse(result),
         "legs": {leg.leg.name: _leg(leg) for leg in result.legs},
+        "agreement": None if result.agreement is None else result.agreement.to_dict(),
         "trunk": None if result.trunk is None else _trunk(result) | mark,
         "torque_lag": result.torque_lag,
         "validated_on": result.validated_on,

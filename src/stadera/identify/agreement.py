@@ -1,0 +1,155 @@
+"""Do logs, or the parts of one log, agree on each parameter?
+
+Each part is compared with all others together. With the prior θ = θ₀ + S x, x ~ N(0, 1), and A the information of a
+part on x, its estimate is x̂ = C b, C = (A + 1)⁻¹, and the difference of two estimates has the covariance
+
+    C₁ A₁ C₁ + C₂ A₂ C₂ + D Dᵀ,      D = C₁ A₁ - C₂ A₂
+
+the last term since the prior draws both towards the model, and differently so. Only parameters that both sides know
+twice as well as the prior are compared. Of so many looks the largest is large by chance: a parameter differs if its
+deviation has a probability below 5 % divided by the number of looks.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from functools import reduce
+from typing import Any
+
+import numpy as np
+from scipy.stats import norm
+
+from stadera.identify.prior import Prior
+from stadera.information import Information
+from stadera.types import Array
+
+_CAUSES = {
+    "armature": "another gain of the torques",
+    "viscous": "another temperature or speed",
+    "coulomb": "another temperature, or wear",
+    "offset": "drift of the torque sensor, or another temperature",
+}
+
+
+@dataclass(frozen=True)
+class Compared:
+    """One parameter in several parts.
+
+    Attributes:
+        z: largest deviation of a part from the others, in standard deviations.
+        spread: standard deviation of the parts' values, in the parameter's unit.
+        agrees: False if the deviation is beyond chance.
+    """
+
+    z: float
+    spread: float
+    agrees: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Agreement:
+    """How well parts of the data agree.
+
+    Attributes:
+        parts: their names.
+        looks: number of comparisons. chi2: mean square of the deviations, 1 if the error bars are right.
+        parameters: of those that several parts determine, by name.
+    """
+
+    parts: tuple[str, ...]
+    looks: int
+    chi2: float
+    parameters: Mapping[str, Compared]
+
+    @classmethod
+    def of(
+        cls, parts: Sequence[str], legs: Sequence[tuple[Sequence[Information], Prior]], chance: float = 0.05
+    ) -> Agreement:
+        """Compares parts by their information on some legs, each with the leg's prior."""
+        found = [compared for informations, prior in legs for compared in _deviations(informations, prior)]
+        deviations = [abs(z) for _, zs, _ in found for z in zs]
+        looks = len(deviations)
+        beyond = norm.isf(0.5 * chance / max(looks, 1))
+        return cls(
+            tuple(parts),
+            looks,
+            float(np.mean(np.square(deviations))) if looks else 1.0,
+            {name: Compared(max(map(abs, zs)), spread, bool(max(map(abs, zs)) < beyond)) for name, zs, spread in found},
+        )
+
+    @property
+    def differs(self) -> tuple[str, ...]:
+        """What differs most, and its likely cause, one sentence each; others may differ because of these."""
+        apart = sorted((item for item in self.parameters.items() if not item[1].agrees), key=lambda item: -item[1].z)
+        most, where = 5, " and ".join(self.parts)
+        out = [
+            f"{name} differs between {where} by {found.z:.1f} standard deviations (spread {found.spread:.2g}): "
+            f"{_cause(name)}; its error bar is widened by that"
+            for name, found in apart[:most]
+        ]
+        return (*out, *([f"{len(apart) - most} more parameters differ less than these"] if len(apart) > most else []))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values for JSON."""
+        parameters = {name: asdict(found) for name, found in self.parameters.items()}
+        return {
+            "parts": list(self.parts),
+            "looks": self.looks,
+            "chi2": self.chi2,
+            "differs": list(self.differs),
+            "parameters": parameters,
+        }
+
+    def widened(self, columns: Sequence[str], covariance: Array) -> Array:
+        """A covariance of parameters with the spread of those that differ added."""
+        known = (self.parameters.get(name) for name in columns)
+        return covariance + np.diag([0.0 if f is None or f.agrees else f.spread**2 for f in known])
+
+
+def _cause(name: str) -> str:
+    term = name.rpartition(".")[2].partition("_")[0]
+    return _CAUSES.get(term, "another load on the leg, or another gain of the torques")
+
+
+def _deviations(
+    informations: Sequence[Information], prior: Prior, known: float = 0.5
+) -> list[tuple[str, list[float], float]]:
+    """Name, deviations and spread of each parameter that a part and the others know better than `known` times the
+    prior.
+    """
+    parts = [_inside(information, prior) for information in informations]
+    total = reduce(lambda a, b: (a[0] + b[0], a[1] + b[1]), parts)
+    values, deviations, seen = [], [], []
+    for A, b in parts:
+        sides = [_estimate(side, prior) for side in ((A, b), (total[0] - A, total[1] - b))]
+        (x1, C1, A1), (x2, C2, A2) = sides
+        drawn = C1 @ A1 - C2 @ A2
+        covariance = C1 @ A1 @ C1 + C2 @ A2 @ C2 + drawn @ drawn.T
+        std = np.sqrt(np.einsum("ki,ij,kj->k", prior.root, covariance, prior.root))
+        deviations.append(prior.root @ (x1 - x2) / np.maximum(std, 1e-9 * prior.scales))
+        stds = [np.sqrt(np.einsum("ki,ij,kj->k", prior.root, C, prior.root)) for C in (C1, C2)]
+        seen.append(np.max(stds, axis=0) < known * prior.scales)
+        values.append(prior.values + prior.root @ x1)
+    count = 1 if len(parts) == 2 else len(parts)  # two parts are one comparison
+    out = []
+    for k, name in enumerate(prior.columns):
+        who = [i for i in range(len(parts)) if seen[i][k]]
+        if who:
+            spread = float(np.std([values[i][k] for i in who], ddof=1)) if len(who) > 1 else 0.0
+            out.append((name, [float(deviations[i][k]) for i in who[:count]], spread))
+    return out
+
+
+def _inside(information: Information, prior: Prior) -> tuple[Array, Array]:
+    """Normal matrix and right side of x, of information on some of the prior's columns."""
+    whole = Information.empty(prior.columns).merge(information)
+    R = whole.R @ prior.root
+    return R.T @ R, R.T @ (whole.z - whole.R @ prior.values)
+
+
+def _estimate(side: tuple[Array, Array], prior: Prior) -> tuple[Array, Array, Array]:
+    """x̂, C and A."""
+    A, b = side
+    C = np.asarray(np.linalg.inv(A + np.eye(len(prior.columns))), dtype=float)
+    return C @ b, C, A
