@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from importlib.metadata import EntryPoint, EntryPoints
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,8 @@ import pytest
 
 from stadera import IdentificationError, UnknownNameError, load_robot, weigh
 from stadera.logs import write_table
+from stadera.trunk import registry
+from stadera.trunk.protocol import Weigher
 from stadera.trunk.registry import is_own, method_of
 from standing import static_log
 
@@ -59,6 +62,22 @@ def test_it_reaches_json_and_page(tmp_path: Path, run: Callable[..., Any]) -> No
     assert found["method"] == MEAN
     assert found["trunk"]["mass"]["std"] > 0.0
     assert "Mean of the vertical force" in page.read_text()
+
+
+def test_installed_packages_name_their_estimators(monkeypatch: pytest.MonkeyPatch) -> None:
+    named = EntryPoints(
+        EntryPoint(name, f"stadera.trunk.{value}", registry.GROUP)
+        for name, value in (("mine", "standing.poses:PosesCom"), ("lost", "nowhere:Any"))
+    )
+    monkeypatch.setattr(registry, "entry_points", lambda group: named.select(group=group))
+    robot = load_robot("hyq")
+    assert isinstance(method_of("mine").make(registry.Setup(robot)), Weigher)
+    result = weigh(robot, static_log(robot), method="mine")
+    assert result.mass == pytest.approx(robot.inertias[robot.trunk].mass, rel=0.03)
+    with pytest.raises(IdentificationError, match="entry point 'lost' cannot be imported"):
+        method_of("lost")
+    with pytest.raises(UnknownNameError, match="lost, mine"):
+        method_of("other")
 
 
 def test_what_is_wrong_is_said(tmp_path: Path) -> None:
