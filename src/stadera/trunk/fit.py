@@ -197,7 +197,8 @@ class ModelFit:
         rows, layout = history.total, self.model.layout
         usual = Errors(self.model, self.swing, 1.0, rows, layout.by_swing)
         self.fit = Fit.of(rows, usual, self._settings)
-        self.errors = Errors(self.model, self.swing, self.fit.scale, rows)
+        scale = max(self.fit.scale, self.fit.scale**self._settings.scale_shared)
+        self.errors = Errors(self.model, self.swing, scale, rows)
         laws = [layout.places[name] for name in ("rotor", "viscous", "coulomb")]
         front.know_joints(*(np.array([x[law] for law in laws]) for x in (self.errors.mean, self.errors.std)))
         self.swing_misfit = self.swing.misfit if front.seen >= self._settings.evaluated else None

@@ -245,6 +245,8 @@ class TrunkSettings:
         settled: time of data after which an estimate counts as converged [s].
         scale_spread: standard deviation of the logarithm of the model errors' scale before any data [1]. The sizes in
             `ModelErrors` come from few robots; they are taken to be right for others within a factor of three (95 %).
+        scale_shared: share of ln s that is used where errors are smaller than usual [1]: small residuals do not
+            prove that feet and encoders are good. Without it bars of the centre of mass are too narrow by a quarter.
         impact: half the difference between the forces of odd and of even samples above which a block is left out, share
             of the weight [1]: as much as a foot carries on four. The log's rate does not resolve the accelerations of
             such a block, and noise of that size in the equations' matrix makes the trunk lighter, which no error bar
@@ -273,6 +275,7 @@ class TrunkSettings:
     after_change: float = 0.3
     settled: float = 0.5
     scale_spread: float = 0.55
+    scale_shared: float = 0.5
     impact: float = 0.25
     stop: float = 0.015
     updated: int = 10
