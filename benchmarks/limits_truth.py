@@ -75,7 +75,7 @@ def true_errors(robot: Robot, drawn: Mapping[str, Any], samples: Samples) -> Arr
 def _contact(robot: Robot, drawn: Mapping[str, Any], samples: Samples) -> Array:
     """(4, 3) [m], mean displacement of the contact points in trunk axes."""
     model = LegModel.of(robot)
-    turn = model.parts(samples.position[:, model.columns].transpose(1, 2, 0)).turn[:, :, :, 2]  # (3, 3, leg, samples)
+    turn = model.pose(samples.position[:, model.columns]).turn[..., 2].swapaxes(2, 3)  # (3, 3, leg, samples)
     up = samples.specific_force.mean(axis=0)
     out = np.empty((4, 3))
     for k, leg in enumerate(robot.legs):
