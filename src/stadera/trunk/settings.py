@@ -156,7 +156,7 @@ class ChangeSettings:
         history: time of data needed before a change can be reported [s].
         pending: latest blocks excluded from the earlier estimate, at least as many as the longest average.
         back: length of the average, one of `windows`, by which a load that is back to what it was before a change is
-            recognised [blocks]: a stance. The change was a push.
+            recognised [blocks]: the shorter, the less of the push stays in the estimate.
         agreeing: number of standard deviations within which it is back.
         transient: time within which a change that goes back is withdrawn [s]: nobody loads and unloads a robot that
             fast; people push and feet are caught for up to a second.
@@ -175,7 +175,7 @@ class ChangeSettings:
     confirmed: int = 8
     history: float = 0.8
     pending: int = 56
-    back: int = 14
+    back: int = 6
     agreeing: float = 3.0
     transient: float = 2.0
     spoilt: int = 2
