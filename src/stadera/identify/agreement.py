@@ -122,13 +122,13 @@ def _deviations(
     total = reduce(lambda a, b: (a[0] + b[0], a[1] + b[1]), parts)
     values, deviations, seen = [], [], []
     for A, b in parts:
-        sides = [_estimate(side, prior) for side in ((A, b), (total[0] - A, total[1] - b))]
+        sides = [_estimate(side) for side in ((A, b), (total[0] - A, total[1] - b))]
         (x1, C1, A1), (x2, C2, A2) = sides
         drawn = C1 @ A1 - C2 @ A2
         covariance = C1 @ A1 @ C1 + C2 @ A2 @ C2 + drawn @ drawn.T
-        std = np.sqrt(np.einsum("ki,ij,kj->k", prior.root, covariance, prior.root))
+        std = _std(prior.root, covariance)
         deviations.append(prior.root @ (x1 - x2) / np.maximum(std, 1e-9 * prior.scales))
-        stds = [np.sqrt(np.einsum("ki,ij,kj->k", prior.root, C, prior.root)) for C in (C1, C2)]
+        stds = [_std(prior.root, C) for C in (C1, C2)]
         seen.append(np.max(stds, axis=0) < known * prior.scales)
         values.append(prior.values + prior.root @ x1)
     count = 1 if len(parts) == 2 else len(parts)  # two parts are one comparison
@@ -148,8 +148,13 @@ def _inside(information: Information, prior: Prior) -> tuple[Array, Array]:
     return R.T @ R, R.T @ (whole.z - whole.R @ prior.values)
 
 
-def _estimate(side: tuple[Array, Array], prior: Prior) -> tuple[Array, Array, Array]:
-    """x̂, C and A."""
-    A, b = side
-    C = np.asarray(np.linalg.inv(A + np.eye(len(prior.columns))), dtype=float)
-    return C @ b, C, A
+def _estimate(side: tuple[Array, Array]) -> tuple[Array, Array, Array]:
+    """x̂, C and A, of which rounding may not leave negative eigenvalues."""
+    sizes, axes = np.linalg.eigh(side[0])
+    sizes = np.maximum(sizes, 0.0)
+    C = np.asarray((axes / (1.0 + sizes)) @ axes.T, dtype=float)
+    return C @ side[1], C, np.asarray((axes * sizes) @ axes.T, dtype=float)
+
+
+def _std(root: Array, covariance: Array) -> Array:
+    return np.asarray(np.sqrt(np.maximum(np.einsum("ki,ij,kj->k", root, covariance, root), 0.0)))
