@@ -44,6 +44,16 @@ MECHANISMS: dict[str, tuple[TrunkSettings, Any, str, Any]] = {
     "direction of sliding by samples": (PLAIN, rows, "_fitted", lambda velocity: np.ascontiguousarray(velocity)),
     "ground level": (PLAIN, ground.GroundNormal, "learn", lambda self, *_: None),
     "blocks count alike": (PLAIN, history.RobustWeights, "weight", lambda self, *_: 1.0),
+    "blocks at rest count alike": (
+        replace(
+            PLAIN,
+            outliers=replace(PLAIN.outliers, held=1.0),
+            changes=replace(PLAIN.changes, sliding=1e-9),
+        ),
+        None,
+        "",
+        None,
+    ),
     "joints' friction unknown in the air": (PLAIN, front.Front, "know_joints", lambda self, *_: None),
     "spread by Gauss, not Student": (PLAIN, changes, "_student", lambda deviations, _: deviations),
     "size of model errors fixed": (replace(PLAIN, scale_spread=0.01), None, "", None),

@@ -119,14 +119,15 @@ class History:
         """Adds a block, and returns its rows with their weight; `errors` are p̂."""
         keep = exp(-made.elapsed / self._settings.memory)
         rows = weighted(made, self._unit)
-        rows = replace(rows, weight=self._robust.weight(rows, self.current, errors))
+        slides = self._slides(rows)
+        rows = replace(rows, weight=slides * self._robust.weight(rows, self.current, errors))
         self._known.append(self.current.add(rows, keep))
         self.recent.append(rows)
         self.blocks += 1
         if self.loaded is not None:
             self._unused -= 1
             if self._unused < 0:  # weighted by residuals from the present load: the estimate may be of the one before
-                weight = self._since_tare.weight(rows, self.loaded, errors)
+                weight = slides * self._since_tare.weight(rows, self.loaded, errors)
                 self.loaded = self.loaded.add(replace(rows, weight=weight), keep, remainder=False)
         if len(self.recent) > 2 * self._settings.changes.pending:
             self.recent.popleft()
@@ -147,7 +148,8 @@ class History:
         known = Known(before, self.finished, self.loaded)
         self._set((*self.finished[-3:], before), None)
         # weights were those of residuals from the earlier load
-        self._begin(self._widened(before, errors), recent[len(recent) - blocks + spoilt :], 1.0)
+        since = [replace(rows, weight=self._slides(rows)) for rows in recent[len(recent) - blocks + spoilt :]]
+        self._begin(self._widened(before, errors), since)
         return known
 
     def return_to(self, known: Known) -> None:
@@ -156,10 +158,15 @@ class History:
         self._set(known.finished, known.loaded)
         self._begin(known.before, rows)
 
-    def _begin(self, segment: Segment, rows: Sequence[WeightedRows], weight: float | None = None) -> None:
+    def _begin(self, segment: Segment, rows: Sequence[WeightedRows]) -> None:
         self._known, self.recent = deque([segment]), deque(rows)
         for row in rows:
-            self._known.append(self.current.add(row if weight is None else replace(row, weight=weight)))
+            self._known.append(self.current.add(row))
+
+    def _slides(self, rows: WeightedRows) -> float:
+        """Weight of a block by its joints' sliding, see `OutlierSettings`."""
+        settings = self._settings.outliers
+        return 1.0 if rows.sliding >= settings.sliding else settings.held
 
     def _set(self, finished: tuple[Segment, ...], loaded: Segment | None) -> None:
         self.finished, self.loaded = finished, loaded

@@ -77,7 +77,10 @@ class LoadChanges:
         """Looks for a change in the last block, and divides the history there; `held`: reports none."""
         if self._withdrawn(history, errors, rows.time):
             return Found.BACK
-        jump = self.detector.look(rows, history.aged, errors, held)
+        before = history.aged
+        # friction of joints that stop would pass for a load against an estimate from joints that slide
+        stopped = rows.sliding < self._settings.changes.sliding and 2.0 * before.moved > before.weight
+        jump = self.detector.look(rows, before, errors, held or stopped)
         if jump is None:
             return Found.SAME
         self._divide(jump, history, errors, rows.time)

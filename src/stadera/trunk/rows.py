@@ -60,6 +60,7 @@ from stadera.types import Array, Bools
 _STEP = 1e-4  # rad, of the differences by joint positions
 _OVERLAP = 4.0 / 3.0  # 1 + 2 ρ: neighbouring windows share samples, ρ = 1/6 for what is averaged
 _TELESCOPED = 0.5  # ρ = -1/2 for what is differentiated: between the least of one block and the nothing of a long sum
+_SLIDES = 0.9  # mean of the direction of sliding, between -1 and 1, of a joint that neither stops nor turns back
 _MOVES = 3.0  # times its noise: root mean square of the velocity of a joint that moves
 _LATELY = 25  # blocks, over which that is taken: a joint that turns back is not one that stands
 RESOLVED = 3
@@ -104,6 +105,11 @@ class SwingRows:
     terms: Array
     rate: Array
     residual: Array
+
+    @property
+    def sliding(self) -> float:
+        """Share of the joints that slide throughout the window [1]."""
+        return float((np.abs(self.terms[_TERMS.index("coulomb")]) > _SLIDES).mean())
 
 
 @dataclass(frozen=True, eq=False)

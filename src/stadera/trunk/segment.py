@@ -48,12 +48,14 @@ class WeightedRows(Equations):
         columns: (6, 10 + 1 + errors), of A, b and C.
         white: variance of the white noise, summed over the six rows [1].
         weight: of the rows in sums [1], see `stadera.trunk.history.RobustWeights`.
+        sliding: share of the joints that slide, whose direction of friction is known [1].
     """
 
     time: float
     columns: Array
     white: float
     weight: float = 1.0
+    sliding: float = 1.0
 
     @classmethod
     def of(cls, time: float, matrix: Array, errors: Array, target: Array, white: float) -> WeightedRows:
@@ -274,7 +276,8 @@ def unit_of_rows(robot_weight: float, length: float) -> Array:
 
 def weighted(rows: BlockRows, unit: Array) -> WeightedRows:
     """Scales rows to their `unit_of_rows`."""
-    return WeightedRows(rows.time, rows.columns / unit[:, None], float((rows.white / unit**2).sum()))
+    white = float((rows.white / unit**2).sum())
+    return WeightedRows(rows.time, rows.columns / unit[:, None], white, sliding=rows.swing.sliding)
 
 
 @dataclass(frozen=True, eq=False)

@@ -158,6 +158,8 @@ class ChangeSettings:
         back: length of the average, one of `windows`, by which a load that is back to what it was before a change is
             recognised [blocks]: the shorter, the less of the push stays in the estimate.
         agreeing: number of standard deviations within which it is back.
+        sliding: share of the joints that must slide for a block to be compared with an estimate from blocks in motion
+            [1]: friction of joints that stop passes for a load of 5 % and more.
         transient: time within which a change that goes back is withdrawn [s]: nobody loads and unloads a robot that
             fast; people push and feet are caught for up to a second.
         spoilt: blocks skipped after the change, which contain both loads.
@@ -177,6 +179,7 @@ class ChangeSettings:
     pending: int = 56
     back: int = 6
     agreeing: float = 3.0
+    sliding: float = 0.5
     transient: float = 2.0
     spoilt: int = 2
     memory: float = 10.0
@@ -217,6 +220,11 @@ class OutlierSettings:
             are less heavy-tailed, and phases of a step with small residuals, where joints stick, must not decide alone.
         least_usual: least mean square of usual residuals, in the rows' unit [1]: residuals below 0.5 % of the weight
             do not define the usual ones.
+        sliding: share of the joints that must slide for a block to count in full [1]. A quarter: of the blocks of real
+            trots and walks one in eleven has fewer.
+        held: weight of a block in which fewer slide, relative to one in which they slide [1]. Static
+            friction takes any torque up to its bound, 2 % of the limit, while what is wrong with a sliding joint is
+            0.3 %: the square of their ratio. Without it a robot that moves, stops and is loaded is weighed by friction.
         remembered: number of blocks over which usual residuals are averaged: two seconds, several steps.
     """
 
@@ -224,6 +232,8 @@ class OutlierSettings:
     afresh: int = 6
     freedom: float = 10.0
     least_usual: float = 0.25
+    sliding: float = 0.25
+    held: float = 0.02
     remembered: float = 100.0
 
     def __post_init__(self) -> None:
