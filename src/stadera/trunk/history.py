@@ -119,15 +119,15 @@ class History:
         """Adds a block, and returns its rows with their weight; `errors` are p̂."""
         keep = exp(-made.elapsed / self._settings.memory)
         rows = weighted(made, self._unit)
-        slides = self._slides(rows)
-        rows = replace(rows, weight=slides * self._robust.weight(rows, self.current, errors))
-        self._known.append(self.current.add(rows, keep))
+        rows = replace(rows, weight=self._slides(rows, self.current) * self._robust.weight(rows, self.current, errors))
+        self._known.append(self.current.add(rows, keep * self._kept(rows, self.current)))
         self.recent.append(rows)
         self.blocks += 1
         if self.loaded is not None:
             self._unused -= 1
             if self._unused < 0:  # weighted by residuals from the present load: the estimate may be of the one before
-                weight = slides * self._since_tare.weight(rows, self.loaded, errors)
+                weight = self._slides(rows, self.loaded) * self._since_tare.weight(rows, self.loaded, errors)
+                keep *= self._kept(rows, self.loaded)
                 self.loaded = self.loaded.add(replace(rows, weight=weight), keep, remainder=False)
         if len(self.recent) > 2 * self._settings.changes.pending:
             self.recent.popleft()
@@ -147,9 +147,10 @@ class History:
         before = self._known[max(len(recent) - blocks - spoilt, 0)]
         known = Known(before, self.finished, self.loaded)
         self._set((*self.finished[-3:], before), None)
-        # weights were those of residuals from the earlier load
-        since = [replace(rows, weight=self._slides(rows)) for rows in recent[len(recent) - blocks + spoilt :]]
-        self._begin(self._widened(before, errors), since)
+        self._begin(self._widened(before, errors), ())
+        for rows in recent[len(recent) - blocks + spoilt :]:  # weights were those of residuals from the earlier load
+            self.recent.append(replace(rows, weight=self._slides(rows, self.current)))
+            self._known.append(self.current.add(self.recent[-1], self._kept(rows, self.current)))
         return known
 
     def return_to(self, known: Known) -> None:
@@ -163,10 +164,15 @@ class History:
         for row in rows:
             self._known.append(self.current.add(row))
 
-    def _slides(self, rows: WeightedRows) -> float:
-        """Weight of a block by its joints' sliding, see `OutlierSettings`."""
+    def _slides(self, rows: WeightedRows, known: Segment) -> float:
+        """Weight of a block by its joints' sliding, see `OutlierSettings`; one while the robot has only stood."""
         settings = self._settings.outliers
-        return 1.0 if rows.sliding >= settings.sliding else settings.held
+        return 1.0 if rows.sliding >= settings.sliding or not known.moved else settings.held
+
+    def _kept(self, rows: WeightedRows, known: Segment) -> float:
+        """Weight of what a robot told that has only stood, once it moves."""
+        settings = self._settings.outliers
+        return settings.held if rows.sliding >= settings.sliding and known.blocks and not known.moved else 1.0
 
     def _set(self, finished: tuple[Segment, ...], loaded: Segment | None) -> None:
         self.finished, self.loaded = finished, loaded

@@ -7,7 +7,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from tests.standing import StandingRobot
+from standing import StandingRobot
 
 from lab.supervise.scripted import ScriptedWalker
 from stadera.lab.supervise import NonstopSupervisor, State, Walker

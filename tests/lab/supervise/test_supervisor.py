@@ -9,7 +9,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from tests.standing import StandingRobot
+from standing import StandingRobot
 
 from lab.supervise.scripted import ScriptedWalker
 from stadera.errors import StaderaError
