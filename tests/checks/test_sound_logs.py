@@ -52,9 +52,9 @@ def test_blocks_at_a_mechanical_stop_are_left_out() -> None:
 
     position = log.position[:, log.index(joint)]
     free, _ = weighed(float(position.min()) - 1.0)
-    held, spoilt = weighed(float(np.quantile(position, 0.1)))
+    held, spoilt = weighed(float(np.quantile(position, 0.35)))
     blind = TrunkEstimator(robot)
     blind.add(Samples.of_recording(spoilt, robot))
     right = free.trunk.inertial.mass
     assert abs(held.trunk.inertial.mass - right) < 0.02 * robot.mass
-    assert abs(held.trunk.inertial.mass - right) < 0.3 * abs(blind.trunk.inertial.mass - right)
+    assert abs(held.trunk.inertial.mass - right) < 0.5 * abs(blind.trunk.inertial.mass - right)

@@ -14,7 +14,7 @@ from scipy.interpolate import make_interp_spline
 
 from robot.robot_files import urdf, urdf_leg, write
 from stadera import identify, weigh
-from stadera.errors import IdentificationError, RecordingError
+from stadera.errors import IdentificationError
 from stadera.inertia import InertialParameters
 from stadera.logs import Imu, Recording
 from stadera.robot import JointDynamics, Robot, load_robot
@@ -180,5 +180,4 @@ def test_a_log_of_a_humanoid_is_weighed_as_any_other() -> None:
     assert change.time == pytest.approx(LOADED, abs=0.1)
     with pytest.raises(IdentificationError, match="at rest, is for four legs of three joints"):
         weigh(robot, log, method="poses")
-    with pytest.raises(RecordingError, match=r"feet carry a share of the robot's weight \(left"):
-        identify(robot, log)
+    assert identify(robot, log).trust.verdict != "bad"

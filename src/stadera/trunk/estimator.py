@@ -357,7 +357,7 @@ class TrunkEstimator:
         """Information on the trunk from the rows since the last change of the load, for merging with other logs."""
         errors = self._fit.errors
         return TrunkEvidence(
-            self._history.current.known,
+            self._history.current.known.scaled_noise(float(np.sqrt(errors.scatter))),
             errors.mean,
             errors.covariance,
             errors.prior,

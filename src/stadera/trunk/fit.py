@@ -198,7 +198,7 @@ class ModelFit:
         usual = Errors(self.model, self.swing, 1.0, rows, layout.by_swing)
         self.fit = Fit.of(rows, usual, self._settings)
         scale = max(self.fit.scale, self.fit.scale**self._settings.scale_shared)
-        self.errors = Errors(self.model, self.swing, scale, rows)
+        self.errors = Errors(self.model, self.swing, scale, rows, scatter=history.scatter.value)
         laws = [layout.places[name] for name in ("rotor", "viscous", "coulomb")]
         front.know_joints(*(np.array([x[law] for law in laws]) for x in (self.errors.mean, self.errors.std)))
         self.swing_misfit = self.swing.misfit if front.seen >= self._settings.evaluated else None

@@ -52,6 +52,7 @@ class Errors:
         rows: sums of the loaded legs; None before any.
         learnt: errors that are estimated from `rows`, from the first one on; the rest is considered. None for those
             of the model's layout.
+        scatter: κ, of the rows' sums.
 
     Attributes:
         layout: places of the errors.
@@ -68,7 +69,9 @@ class Errors:
         scale: float,
         rows: RowSums | None = None,
         learnt: slice | None = None,
+        scatter: float = 1.0,
     ) -> None:
+        self.scatter = scatter
         self._length, self.layout = model.length, model.layout
         learnt, count, by_swing = learnt or self.layout.learnt, self.layout.count, self.layout.by_swing
         gain, stuck = self.layout.places["gain"], self.layout.sticking
@@ -168,9 +171,9 @@ class Errors:
         return np.asarray(0.5 * (total + total.T))
 
     def _of_rows(self, segment: Segment) -> Array:
-        """Covariance (10, 10) due to the rows' noise, and to static friction that varies while the robot sways."""
+        """Covariance (10, 10) due to the rows' scatter, and to static friction that varies while the robot sways."""
         P = segment.inverse @ segment.inverse.T
-        return np.asarray(P + P @ segment.sums.follows_motion(self._sticking, self._length) @ P)
+        return np.asarray(self.scatter * P + P @ segment.sums.follows_motion(self._sticking, self._length) @ P)
 
     def energies(self, products: Array) -> tuple[float, float, float]:
         """How the expected energy of the residual splits: that of the sampling error e, and of all others tr D Σ', with

@@ -7,13 +7,13 @@ from functools import cache
 
 import numpy as np
 import pytest
-from standing import StandingRobot
 
 from lab.supervise.scripted import ScriptedWalker
 from stadera.lab.supervise import NonstopSupervisor, State, Walker
 from stadera.robot import load_robot
 from stadera.robot.stance import standing_configuration
 from stadera.trunk import Measurement, TrunkModel
+from standing import StandingRobot
 
 HYQ = load_robot("hyq")
 PLACE = (-0.2, 0.1, 0.2)

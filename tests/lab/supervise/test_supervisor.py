@@ -9,7 +9,6 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from standing import StandingRobot
 
 from lab.supervise.scripted import ScriptedWalker
 from stadera.errors import StaderaError
@@ -17,6 +16,7 @@ from stadera.lab.supervise import State, StoppingSupervisor, StopSettings, Trans
 from stadera.robot import load_robot
 from stadera.robot.stance import standing_configuration
 from stadera.trunk import Measurement
+from standing import StandingRobot
 
 HYQ = load_robot("hyq")
 PLACE = (-0.3, 0.15, 0.2)
