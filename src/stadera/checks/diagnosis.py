@@ -29,9 +29,9 @@ from stadera.checks.residual import Footing, Gain
 from stadera.checks.sensors import orientation_findings, sensor_findings
 from stadera.checks.statics import Consistency
 from stadera.checks.torques import TrunkRows, pushing_at_rest, swapped_in_motion, torque_step
-from stadera.checks.units import unit_findings
+from stadera.checks.units import DEGREE, unit_findings
 from stadera.errors import listed
-from stadera.logs.mend import Mend
+from stadera.logs.mend import GYRO, Mend
 from stadera.logs.recording import Recording
 from stadera.robot.imu import ImuMount
 from stadera.robot.model import Robot
@@ -166,6 +166,8 @@ def _late_imu(footing: Footing) -> tuple[float, Gain] | None:
 def _in_motion(footing: Footing, mount: ImuMount | None) -> Iterator[Finding]:
     few = replace(footing, blocks=footing.blocks.thinned(footing.limits.motion_instants, footing.limits), known=None)
     found = explained_by_motion(few)
+    if not found:
+        yield from _gyro_at_rest(footing)
     if not found or found[0][0].torques_alone:
         order = tuple(_of_torques(footing, mount))
         yield from order
@@ -185,6 +187,19 @@ def _in_motion(footing: Footing, mount: ImuMount | None) -> Iterator[Finding]:
             f"otherwise at {100 * without.slides:.2g} cm/s, and in balance ({gain.deviations:.1f} standard deviations)"
         )
         yield _named([one for one, _, _ in found], text, mount)
+
+
+def _gyro_at_rest(footing: Footing) -> Iterator[Finding]:
+    """A gyro in deg/s whose noise alone turns the robot faster than its feet, which stand, allow."""
+    limits, turn = footing.limits, footing.blocks.angular_velocity
+    if turn is None or not np.isfinite(footing.spread).any():
+        return
+    converted = footing.after(Mend("", factors={GYRO: DEGREE}))
+    now, left = (float(np.nanmedian(each.spread)) for each in (footing, converted))
+    if now > (limits.still * footing.robot.leg_length) ** 2 and left < limits.much_better * now:
+        slides = f"by it they slide at {100 * np.sqrt(now):.2g} cm/s, otherwise at {100 * np.sqrt(left):.2g} cm/s"
+        text = f"the gyro contradicts the feet that stand, which turn less, as one in deg/s would: {slides}"
+        yield Finding("gyro_unit", text, "--units gyro=deg/s")
 
 
 def _of_torques(footing: Footing, mount: ImuMount | None) -> Iterator[Finding]:

@@ -71,6 +71,8 @@ class CheckLimits:
     same: float = 0.02
     similar: float = 0.3
     slide: float = 0.03  # usual sliding speed of a loaded foot, in leg lengths per second: encoder noise, and rolling
+    # the same above which feet at rest contradict a gyro; the noise of sound gyros adds a tenth of it
+    still: float = 0.015
     # share of the weight above which a foot is certainly loaded, despite the torques of its swing
     carries: float = 0.15
     lively_motion: float = 3.0  # multiple of `slide` above which the robot moves

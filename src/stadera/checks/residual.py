@@ -136,19 +136,25 @@ class Footing:
         return np.asarray(feet + length**2 * (omega**2).sum(axis=1) > least**2)
 
     @cached_property
-    def sliding(self) -> Array:
-        """Cost of feet that slide, (instants,), of a log with an IMU; NaN for instants that are not used."""
-        limits, omega = self.limits, self.blocks.angular_velocity
+    def spread(self) -> Array:
+        """Variance of the loaded feet's velocities in the world, (instants,) [m²/s²], of a log with an IMU; NaN for
+        instants that are not used.
+        """
+        omega, load = self.blocks.angular_velocity, np.clip(self.load - self.limits.carries, 0.0, 1.0)
         assert omega is not None
-        load = np.clip(self.load - limits.carries, 0.0, 1.0)
         enough = (load > 0).sum(axis=1) >= 2
         weight = (load / np.where(enough, load.sum(axis=1), 1.0)[:, None])[..., None]
         velocity = np.nan_to_num(self.speed) + np.cross(omega[:, None], self.contact)
         spread = (weight * (velocity - (weight * velocity).sum(axis=1, keepdims=True)) ** 2).sum(axis=(1, 2))
         # the variance of a weighted mean of few loses one degree of freedom
         spread /= np.maximum(1.0 - (weight**2).sum(axis=(1, 2)), 1e-3)
-        cost = np.where(self.moving, np.log1p(spread / (limits.slide * self.robot.leg_length) ** 2), 0.0)
-        return np.where(enough & np.isfinite(self.speed).all(axis=(1, 2)), cost, np.nan)
+        return np.where(enough & np.isfinite(self.speed).all(axis=(1, 2)), spread, np.nan)
+
+    @cached_property
+    def sliding(self) -> Array:
+        """Cost of feet that slide, (instants,), of a log with an IMU; NaN for instants that are not used."""
+        cost = np.log1p(self.spread / (self.limits.slide * self.robot.leg_length) ** 2)
+        return np.where(self.moving | np.isnan(cost), cost, 0.0)
 
     @cached_property
     def unbalance(self) -> Array:
