@@ -66,9 +66,10 @@ def figures(result: Routine) -> dict[str, Figure]:
     colours = ("blue", "orange", "green")
     panels = []
     for part, (scale, label) in enumerate(((np.rad2deg(1.0), "angle [°]"), (1e3, "shift [mm]"))):
-        three = range(3 * part, 3 * part + 3)
+        three = [k for k in range(3 * part, 3 * part + 3) if result.peaks[k] > 0.0]
         marks = tuple(line(time, scale * pose[:, k], AXES[k], colours[k % 3]) for k in three)
-        panels.append((Panel(Axis("time [s]"), Axis(label), marks),))
+        if marks:
+            panels.append((Panel(Axis("time [s]"), Axis(label), marks),))
     _, force = result.planted.torques(result.robot.inertias[result.robot.trunk])
     normal = (force * result.planted.motion.normal[:, None]).sum(axis=2)
     names = [leg.name for leg in result.robot.legs]
@@ -111,7 +112,7 @@ def routine_html(result: Routine) -> str:
     """The complete, self-contained page."""
     from stadera.report.page import render, script_data
 
-    robot, seconds = result.robot.name, number(result.settings.seconds)
+    robot, seconds = result.robot.name, f"{result.settings.seconds:g}"
     drawn = figures(result)
     return render(
         "routine.html.j2",
@@ -119,7 +120,7 @@ def routine_html(result: Routine) -> str:
         headline=f"{seconds} s without and {seconds} s with the load weigh {promise(result)}.",
         level="note",
         word="Within the limits",
-        why=f"Feet stay in place with up to {result.settings.heaviest:.0%} of the robot anywhere on its back.",
+        why=f"Feet stay in place with up to {100.0 * result.settings.heaviest:g} % of the robot anywhere on its back.",
         next=(
             f"Write a script that plays it: `stadera excite --robot {robot} --trunk --for unitree --out play.py`.",
             "Record joints, torques and IMU while the robot does it, stop, put the load on, and let it do it again.",
