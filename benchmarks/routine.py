@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import os
 import zlib
+from pathlib import Path
 from typing import Any
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
@@ -19,9 +20,7 @@ from simulated import parser_of, show
 
 from stadera.excite.trunk.design import RoutineSettings, weighing_routine
 from stadera.excite.trunk.result import Routine
-from stadera.lab.experiments.reality import toppled
 from stadera.lab.plant import Tray
-from stadera.lab.scenarios.run import simulate
 from stadera.lab.scenarios.settings import Load, SimulateSettings
 from stadera.logs import Recording
 from stadera.trunk import Samples, TrunkEstimator
@@ -29,7 +28,7 @@ from stadera.trunk import Samples, TrunkEstimator
 STILL = 0.2  # s, from the end of the first motion to the tare
 
 
-def run(routine: Routine, errors: str, seed: int) -> dict[str, Any] | None:
+def run(routine: Routine, errors: str, seed: int, folder: Path | None) -> dict[str, Any] | None:
     """One robot weighed; None if it fell."""
     robot, motion = routine.robot, routine.planted.motion
     table = Recording(routine.planted.time, robot.tree.joints, motion.position, source="routine")
@@ -73,7 +72,7 @@ def main() -> None:
     rows, kept = [], {}
     for name in asked.robots.split(","):
         routine = weighing_routine(name, RoutineSettings())
-        found = [run(routine, asked.errors, seed) for seed in range(asked.seed, asked.seed + asked.seeds)]
+        found = [run(routine, asked.errors, seed, asked.keep) for seed in range(asked.seed, asked.seed + asked.seeds)]
         runs = [one for one in found if one is not None]
         kept[name] = {"expected": routine.to_dict()["expected"], "runs": found}
         error, z = (np.array([one[key] for one in runs]) for key in ("error", "sigma"))
@@ -87,8 +86,7 @@ def main() -> None:
                 f"{bar:.1f}",
                 f"{z.max():.1f}",
                 f"{sum(one['false'] for one in runs)}",
-                f"{sum(one['verdict'] == 'good' for one in runs)} of {len(runs)}",
-                f"{len(found) - len(runs)}",
+                f"{sum(one['verdict'] == 'good' for one in runs)} of {len(runs)}, {len(found) - len(runs)} fell",
             )
         )
     head = (
