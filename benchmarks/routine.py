@@ -16,7 +16,7 @@ from typing import Any
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import numpy as np
-from simulated import parser_of, show
+from simulated import made_log, parser_of, show
 
 from stadera.excite.trunk.design import RoutineSettings, weighing_routine
 from stadera.excite.trunk.result import Routine
@@ -37,12 +37,11 @@ def run(routine: Routine, errors: str, seed: int, folder: Path | None) -> dict[s
     x, y = (tray.centre[:2] + 0.5 * rng.uniform(-1.0, 1.0, 2) * tray.half_size[:2]).tolist()
     load = Load(float(rng.uniform(0.05, 0.2)) * robot.mass, "kg", (x, y, tray.top + 0.05))
     length = routine.settings.seconds
-    made = simulate(
-        robot, "motion", SimulateSettings(errors, load, duration=2.0 * length + 3.0, seed=number, motion=table)
-    )
-    if toppled(made.recording, robot):
+    how = SimulateSettings(errors, load, duration=2.0 * length + 3.0, seed=number, motion=table)
+    made = made_log(robot, "motion", how, folder, f"routine-{robot.name}-{errors}-{seed}")
+    if made is None:
         return None
-    samples, truth = Samples.of_recording(made.recording, robot), made.truth.moments[-1]
+    samples, truth = Samples.of_recording(made[0], robot), made[1].moments[-1]
     estimator, tared = TrunkEstimator(robot), 1.0 + length + STILL
     estimator.add(samples[samples.time < tared])
     early = len(estimator.changes)
