@@ -88,17 +88,7 @@ def main() -> None:
                 f"{sum(one['verdict'] == 'good' for one in runs)} of {len(runs)}, {len(found) - len(runs)} fell",
             )
         )
-    head = (
-        "robot",
-        "payload's error [%]",
-        "x-y [mm]",
-        "z [mm]",
-        "bar/promised",
-        "largest [σ]",
-        "false",
-        "good",
-        "fell",
-    )
+    head = ("robot", "payload's error [%]", "x-y [mm]", "z [mm]", "bar/promised", "largest [σ]", "false", "good")
     show("Weighing routine; error as a share of the robot: median; 95 %", head, rows, kept, asked.json)
 
 
