@@ -41,7 +41,7 @@ class LegModel:
     Attributes:
         columns: (4, 3), index of each leg's joints in the tree's order.
         friction: of the joints, by leg.
-        radius: of the feet [m]. link_mass: (4, 3) [kg], of the links, by leg.
+        radius: of the feet [m]. link_mass: (4, 3) [kg], of the links, by leg. leg_mass: [kg], of all legs.
     """
 
     def __init__(self, robot: Robot) -> None:
@@ -49,6 +49,7 @@ class LegModel:
         self.radius = np.array([leg.foot_radius for leg in robot.legs])
         bodies = np.array([[robot.inertias[link].vector for link in leg.links] for leg in robot.legs])
         self.link_mass, self._com = bodies[..., 0], bodies[..., 1:4] / bodies[..., :1]
+        self.leg_mass = float(self.link_mass.sum())
 
     @staticmethod
     @lru_cache(maxsize=16)
