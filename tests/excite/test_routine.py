@@ -6,6 +6,7 @@ import runpy
 import sys
 import time
 import types
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -82,7 +83,7 @@ def test_torques_and_forces_are_those_of_pinocchio(name: str) -> None:
 
 @pytest.fixture(scope="module")
 def routine() -> Routine:
-    return weighing_routine("go2", RoutineSettings(draws=3, steps=3, drawn=2))
+    return weighing_routine("go2", RoutineSettings(axes=("roll", "pitch", "yaw", "z"), draws=3, steps=3, drawn=2))
 
 
 def test_robots_that_were_not_drawn_are_weighed_as_promised(routine: Routine) -> None:
@@ -183,7 +184,9 @@ class Stub:
                     stub.stopped = True
 
             def stand(body_height: float, footprint_R_body: Any) -> Any:
-                return (footprint_R_body.roll, footprint_R_body.pitch, footprint_R_body.yaw, body_height)
+                zxy = [footprint_R_body.yaw, footprint_R_body.roll, footprint_R_body.pitch]
+                yaw, pitch, roll = Rotation.from_euler("ZXY", zxy).as_euler("ZYX").tolist()
+                return (roll, pitch, yaw, body_height)
 
             parts = {
                 "bosdyn.client": {"create_standard_sdk": lambda named: sdk},
@@ -273,9 +276,12 @@ def test_a_script_plays_the_motion_and_goes_back_on_a_fault(
         np.testing.assert_allclose(poses[: len(reference)], reference.position[:, :3], atol=1e-3)
 
 
-def test_bad_requests_are_named(run: Any) -> None:
+def test_bad_requests_are_named(routine: Routine, run: Any) -> None:
     with pytest.raises(UnknownNameError, match="interface 'anymal'"):
         player(None, "anymal")  # type: ignore[arg-type]
+    moved = replace(routine.path, amplitudes=routine.path.amplitudes + 0.01)
+    with pytest.raises(IdentificationError, match="spot does not move x, y"):
+        player(replace(routine, path=moved), "spot")
     with pytest.raises(IdentificationError, match="axes are of roll, pitch"):
         RoutineSettings(axes=("roll", "w"))
     with pytest.raises(IdentificationError, match="2 s at least"):

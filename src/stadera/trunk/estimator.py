@@ -217,7 +217,8 @@ class TrunkEstimator:
         centre = np.asarray(com, dtype=float)
         if self._history.tare is None:
             raise IdentificationError("a test weight is known since a tare, and there is none")
-        if not (0.0 < mass < inf and mass_std >= 0.0 and com_std >= 0.0 and centre.shape == (3,)):
+        known = np.isfinite([mass, mass_std, com_std, *centre.ravel()]).all()
+        if not (known and mass > 0.0 and mass_std >= 0.0 and com_std >= 0.0 and centre.shape == (3,)):
             place = ", ".join(f"{v:g}" for v in centre.ravel())
             raise IdentificationError(f"a test weight needs a mass above zero and x, y, z; got {mass:g} kg, {place}")
         slope = np.zeros((4, 4))
@@ -247,11 +248,13 @@ class TrunkEstimator:
             IdentificationError: another robot or model, a bad fit, or a log that contradicts the memory.
         """
         settings, model, errors = settings or MemorySettings(), self._fit.model, self._fit.errors
-        if self.trust.verdict == "bad":
-            raise IdentificationError("a log whose fit is bad is not remembered")
+        if self.trust.verdict == "bad" or self._state.status is Status.REFUSED:
+            raise IdentificationError("a log whose fit is bad, or whose end is refused, is not remembered")
         memory = memory.check(self.robot).faded(model.layout, days, settings)
         own = tuple(known for known in self._known if known.trunks)
-        outside = _correction(own, errors, self._history.current)
+        outside = _correction(own, errors, self._history.loaded or self._history.current)
+        if outside is not None and max(outside.apart) > self.settings.apart:
+            raise IdentificationError("a log that contradicts its scale or test weight is not remembered")
         mean, covariance = (errors.mean, errors.covariance) if outside is None else outside.of_errors()
         variance = np.diag(covariance)
         what, apart = memory.contradiction(model.layout, model.variance, mean, variance, settings)
@@ -260,7 +263,11 @@ class TrunkEstimator:
                 f"this log contradicts the memory of {memory.logs} logs in the {what}, by {apart:.1f} standard "
                 "deviations: a part that was changed, or another robot; it is not remembered"
             )
-        return memory.plus(model.layout, model.variance, mean, variance, days)
+        start, gain = np.diag(errors.start).copy(), model.layout.places["gain"]
+        start[gain] -= start[gain].mean() / model.layout.joints  # the gains' mean is zero
+        scale = model.layout.places["common_gain"]
+        start[scale] = model.variance[scale]
+        return memory.plus(model.layout, model.variance, start, mean, variance, days)
 
     def restart(self) -> None:
         """Announces that the next samples do not continue the previous ones; their rate may differ. Estimates are
@@ -423,7 +430,7 @@ class TrunkEstimator:
     @property
     def _outside(self) -> Correction | None:
         """What is known from outside, in place of the estimates."""
-        return _correction(self._known, self._fit.errors, self._history.current)
+        return _correction(self._known, self._fit.errors, self._history.loaded or self._history.current)
 
     def _adopt(self, time: float) -> None:
         """Adopts the present estimate of the trunk, unless it is implausible."""

@@ -214,7 +214,7 @@ class History:
     def _kept(self, rows: WeightedRows, known: Segment) -> float:
         """Weight of what a robot told that has only stood, once it moves."""
         settings = self._settings.outliers
-        return settings.held if rows.sliding >= settings.sliding and known.blocks and not known.moved else 1.0
+        return settings.held if known.moves(rows) and known.blocks and not known.moved else 1.0
 
     def _set(self, finished: tuple[Segment, ...], loaded: Segment | None) -> None:
         self.finished, self.loaded = finished, loaded

@@ -1,8 +1,9 @@
 """A robot's memory: what earlier logs told about its drives, sensors, links and the scale of its torques.
 
-Of each error p_i, whose standard deviation was σ_i before any log, a log that ends with p̂_i ± s_i alone told
+Of each error p_i, whose standard deviation was σ_i before any log, a log that began with s_0i and ends with
+p̂_i ± s_i alone told
 
-    λ_i = σ_i² / s_i² - 1,      η_i = p̂_i σ_i / s_i²
+    λ_i = σ_i² / s_i² - σ_i² / s_0i²,      η_i = p̂_i σ_i / s_i²
 
 in units of σ_i: a share of what was unknown of a robot in general. Logs add up, and fade: between two of them friction,
 offsets and lag drift by a share q_i, everything by more with the days,
@@ -45,6 +46,7 @@ OF_ROBOT = {
 }
 """Errors that belong to the robot, by their names in `ErrorLayout.places`, and in words; the others belong to a log."""
 
+_ROUNDING = 1e-6  # of information
 _BY_JOINT = ("rotor", "viscous", "coulomb", "offset", "gain", "encoder")
 
 
@@ -102,7 +104,11 @@ class Memory:
     def check(self, robot: Robot) -> Memory:
         """Returns itself. Raises IdentificationError: it is of another robot or another model."""
         joints = tuple(joint for leg in robot.legs for joint in leg.joints)
-        if joints != self.joints or not np.isclose(robot.mass, self.mass, rtol=1e-6):
+        if (
+            len(self.information) != len(_places(ErrorLayout.of(robot)))
+            or joints != self.joints
+            or not np.isclose(robot.mass, self.mass, rtol=1e-6)
+        ):
             raise IdentificationError(
                 f"a memory of {self.robot} with {self.mass:.6g} kg is of another model than {robot.name} with "
                 f"{robot.mass:.6g} kg; begin a new one"
@@ -120,11 +126,16 @@ class Memory:
         less = 1.0 / (1.0 + square * self.information)
         return replace(self, information=less * self.information, right=less * self.right)
 
-    def plus(self, layout: ErrorLayout, prior: Array, mean: Array, variance: Array, days: float) -> Memory:
-        """With what one more log told: variances before it, p̂ and its variances, (errors,) each."""
+    def plus(
+        self, layout: ErrorLayout, prior: Array, start: Array, mean: Array, variance: Array, days: float
+    ) -> Memory:
+        """With what one more log told: the prior variances, those that the log began with (less where its residuals are
+        small), p̂ and its variances, (errors,) each.
+        """
         places = _places(layout)
         ratio = prior[places] / np.maximum(variance[places], 1e-300)
-        information = np.maximum(ratio - 1.0, 0.0)
+        information = np.maximum(ratio - prior[places] / start[places], 0.0)
+        information[information < _ROUNDING] = 0.0
         right = np.where(information > 0.0, mean[places] * ratio / np.sqrt(prior[places]), 0.0)
         total = self.information + information
         return replace(self, information=total, right=self.right + right, logs=self.logs + 1, days=days)

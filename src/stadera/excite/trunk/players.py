@@ -1,7 +1,7 @@
 """Scripts that play a weighing routine on a robot: Unitree's sport mode, Spot's body control, a ROS 2 topic.
 
-Each is one Python file with the motion in it, which needs nothing of this package. It checks that the robot stands,
-moves slowly into the motion, limits the rate of every value, and on any fault or interruption returns to the stance
+Each is one Python file with the motion in it, which needs nothing of this package. It moves slowly into the motion,
+limits the rate of every value, and on any fault or interruption returns to the stance
 and stops. A new interface is a template in `players/` and an entry here.
 """
 
@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stadera.errors import UnknownNameError
+from stadera.errors import IdentificationError, UnknownNameError
 from stadera.excite.trunk.planted import AXES
 
 if TYPE_CHECKING:
@@ -61,11 +61,17 @@ def player(routine: Routine, name: str) -> str:
 
     Raises:
         UnknownNameError: no such interface.
+        IdentificationError: the motion has a coordinate that the interface does not take.
     """
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
     interface = interface_named(name)
     reference = routine.path.sample(interface.rate)
+    moving = [axis for axis, peak in zip(AXES, np.abs(reference.position).max(axis=0), strict=True) if peak > 0.0]
+    if left := [axis for axis in moving if axis not in interface.axes]:
+        raise IdentificationError(
+            f"{name} does not move {', '.join(left)}; design with axes {', '.join(interface.axes)}"
+        )
     columns = [AXES.index(axis) for axis in interface.axes]
     speed = np.abs(reference.motion.velocity[:, columns]).max(axis=0)
     folder = Path(__file__).with_name("players")
