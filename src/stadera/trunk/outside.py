@@ -47,11 +47,6 @@ class Knowledge:
     errors: Array
     trunks: tuple[tuple[Segment | None, Array], ...] = ()
 
-    @property
-    def is_open(self) -> bool:
-        """True while it is about the present load."""
-        return any(segment is None for segment, _ in self.trunks)
-
     def of_load(self, present: Segment | None, instead: Segment | None) -> Knowledge:
         """The same with `instead` in place of the load `present`."""
         moved = tuple((instead if segment is present else segment, N) for segment, N in self.trunks)

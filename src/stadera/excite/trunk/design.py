@@ -12,7 +12,7 @@ come from other draws.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from itertools import product
 from os import PathLike
 
@@ -217,8 +217,3 @@ class _Search:
 def _cube(mass: float, place: tuple[float, float, float], length: float) -> InertialParameters:
     """A payload of half the leg's length, in trunk axes."""
     return InertialParameters.from_com(mass, place, mass * (0.5 * length) ** 2 / 6.0 * np.eye(3))
-
-
-def only(settings: RoutineSettings, axes: tuple[str, ...]) -> RoutineSettings:
-    """The settings, moving only those axes that are among both."""
-    return replace(settings, axes=tuple(axis for axis in settings.axes if axis in axes))
