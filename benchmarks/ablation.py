@@ -56,7 +56,7 @@ MECHANISMS: dict[str, tuple[TrunkSettings, Any, str, Any]] = {
     ),
     "joints' friction unknown in the air": (PLAIN, front.Front, "know_joints", lambda self, *_: None),
     "spread by Gauss, not Student": (PLAIN, changes, "_student", lambda deviations, _: deviations),
-    "size of model errors fixed": (replace(PLAIN, scale_spread=0.01), None, "", None),
+    "size of model errors fixed": (replace(PLAIN, size_spread=0.01), None, "", None),
     "no static friction": (sizes(held=1e-6), None, "", None),
     "no response of the IMU": (sizes(imu_response=1e-6), None, "", None),
     "no lag of velocities": (sizes(velocity_lag=1e-9), None, "", None),

@@ -62,7 +62,7 @@ LOADED_AT = 5.0  # s, of both kinds of runs
 GAITS = {"trot": "trot", "crawl": "crawl", "shake": "sway", "stand": "stand"}
 ERRORS = "real-unit-gain"
 CRITERIA = ("speed", "part", "repeated")
-SPREAD = "scale_spread"
+SPREAD = "size_spread"
 CONSTANTS = ("torque_constant", "accelerometer_constant")
 LEGS = "drifts"
 DRIFTS = ("friction_drift", "offset_drift", "rotor_drift")
@@ -80,7 +80,7 @@ def settings(factor: float, criterion: str = "") -> TrunkSettings:
         swing = SwingDetection()
         return TrunkSettings(swing=replace(swing, **{criterion: factor * getattr(swing, criterion)}))
     if criterion == SPREAD:
-        return TrunkSettings(scale_spread=factor * TrunkSettings().scale_spread)
+        return TrunkSettings(size_spread=factor * TrunkSettings().size_spread)
     usual = ModelErrors()
     scaled = DRIFTS if criterion == LEGS else [size.name for size in fields(usual) if size.name not in UNSCALED]
     return TrunkSettings(model=replace(usual, **{name: factor * getattr(usual, name) for name in scaled}))

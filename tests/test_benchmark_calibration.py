@@ -31,7 +31,7 @@ def test_one_setting_is_scaled_at_a_time() -> None:
     assert calibration.settings(0.5, "speed") == replace(
         usual, swing=replace(usual.swing, speed=0.5 * usual.swing.speed)
     )
-    assert calibration.settings(3.0, "scale_spread") == replace(usual, scale_spread=3.0 * usual.scale_spread)
+    assert calibration.settings(3.0, "size_spread") == replace(usual, size_spread=3.0 * usual.size_spread)
     drifts, sizes = vars(calibration.settings(3.0, "drifts").model), vars(usual.model)
     assert {name for name, size in sizes.items() if drifts[name] != size} == set(calibration.DRIFTS)
 

@@ -25,7 +25,7 @@ ROBOT = load_robot("hyq")
 
 def errors() -> Errors:
     model = ErrorModel(ROBOT, ModelErrors(), 0.7)
-    return Errors(model, SwingJoints(model, SwingDetection()), 1.0)
+    return Errors(model, SwingJoints(model, SwingDetection()))
 
 
 def rows(seconds: float, noise: float, load: np.ndarray, at: float, seed: int) -> list[WeightedRows]:
@@ -134,12 +134,12 @@ def test_a_load_far_smaller_than_the_joints_disturbance_is_found_at_its_time() -
         errors[:, place] = column
         made.append(WeightedRows.of(r.time, r.matrix, errors, r.target + column * friction, r.white))
     detector = ChangeDetector(settings, SCALE, BLOCK, LAYOUT)
-    before, known, found = Segment.prior(TRUNK, 50.0 * np.ones(10), LAYOUT), Errors(model, swing, 1.0), []
+    before, known, found = Segment.prior(TRUNK, 50.0 * np.ones(10), LAYOUT), Errors(model, swing), []
     for k, r in enumerate(made):
         if k > settings.pending:
             before = before.add(made[k - settings.pending - 1])
         if k % 10 == 0 and before.blocks:
-            known = Errors(model, swing, 1.0, RowSums.of((before,), 5.0))
+            known = Errors(model, swing, None, RowSums.of((before,), 5.0))
             detector.learn(before, known)
         jump = detector.look(r, before, known, held=False)
         if jump is not None:
@@ -175,14 +175,14 @@ def found_with(learnt: slice, made: list[WeightedRows]) -> list[float]:
     swing, detector = SwingJoints(model, SwingDetection()), ChangeDetector(settings, SCALE, BLOCK, LAYOUT)
     segments, known, out = (
         [Segment.prior(TRUNK, 50.0 * np.ones(10), LAYOUT)],
-        Errors(model, swing, 1.0, None, learnt),
+        Errors(model, swing, None, None, learnt),
         [],
     )
     for k, r in enumerate(made):
         segments.append(segments[-1].add(r))
         before = segments[max(k + 1 - settings.pending, 0)]
         if k % 10 == 0 and before.blocks:
-            known = Errors(model, swing, 1.0, RowSums.of((before,), 10.0), learnt)
+            known = Errors(model, swing, None, RowSums.of((before,), 10.0), learnt)
             detector.learn(before, known)
         jump = detector.look(r, before, known, held=False)
         if jump is not None and jump.reported:

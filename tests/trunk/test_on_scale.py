@@ -38,7 +38,7 @@ def summed(seed: int) -> Segment:
 def test_it_is_gaussian_conditioning() -> None:
     """Against the joint covariance of trunk then, trunk now and what the scale says, built up densely."""
     errors = Errors(
-        ErrorModel(HYQ, ModelErrors(), 0.7), SwingJoints(ErrorModel(HYQ, ModelErrors(), 0.7), SwingDetection()), 1.0
+        ErrorModel(HYQ, ModelErrors(), 0.7), SwingJoints(ErrorModel(HYQ, ModelErrors(), 0.7), SwingDetection())
     )
     then, now, links = summed(1), summed(2), np.zeros(ERRORS)
     links[PLACES["link_mass"]] = 2.0

@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from layout import PLACES
+from layout import LAYOUT, PLACES
 from stadera.body.instant import LegDynamics
 from stadera.constants import GRAVITY
 from stadera.lab.scenarios.run import simulate
@@ -53,7 +53,7 @@ def swung(blocks: int, noise: float, wild: float = 0.0, seed: int = 0) -> SwingJ
 
 @pytest.mark.parametrize("wild", [0.0, 60.0])
 def test_joints_are_found_and_wild_rows_left_out(wild: float) -> None:
-    mean, covariance = swung(200, 0.1, wild).posterior(1.0)
+    mean, covariance = swung(200, 0.1, wild).posterior()
     std = np.sqrt(np.diag(covariance))
     truth = {"rotor": ROTOR, "viscous": VISCOUS, "coulomb": COULOMB, "offset": OFFSET}
     for name, value in truth.items():
@@ -66,7 +66,7 @@ def test_joints_are_found_and_wild_rows_left_out(wild: float) -> None:
 
 def test_legs_that_never_swung_share_what_others_showed() -> None:
     """Drives of one kind are alike: a hind knee's friction moves towards that of the front ones, its bar stays wide."""
-    mean, covariance = swung(200, 0.1).posterior(1.0)
+    mean, covariance = swung(200, 0.1).posterior()
     hind, front = PLACES["coulomb"].start + 8, PLACES["coulomb"].start + 2
     assert 0.4 * COULOMB < mean[hind] < 1.1 * COULOMB
     assert covariance[hind, hind] > 4.0 * covariance[front, front]
@@ -75,7 +75,7 @@ def test_legs_that_never_swung_share_what_others_showed() -> None:
 
 def test_nothing_in_the_air_leaves_the_prior() -> None:
     model = ErrorModel(robot(), ModelErrors(), 0.7)
-    mean, covariance = SwingJoints(model, SwingDetection()).posterior(0.5)
+    mean, covariance = SwingJoints(model, SwingDetection()).posterior(np.full(LAYOUT.by_swing.stop, 0.5))
     assert not mean.any()
     np.testing.assert_allclose(covariance, 0.25 * model.covariance[:49, :49], rtol=1e-6)
 

@@ -80,9 +80,6 @@ class ErrorLayout:
         return self.places["stiction"]
 
 
-INVISIBLE = ("common_gain", "regression", "sampling")
-"""Errors that no residual shows, or whose size the log shows directly; they keep their prior size."""
-
 _AS_STATED = (
     "torque_lag",
     "gain",
@@ -165,16 +162,13 @@ class ErrorModel:
         )
         self.variance = np.diag(self.covariance).copy()
         self._sticking = self.covariance[layout.sticking, layout.sticking].copy()
-        self._invisible = np.zeros(layout.count)
-        for name in INVISIBLE:
-            self._invisible[places[name]] = self.variance[places[name]]
-        self._visible = self.variance - self._invisible
 
-    def scaled(self, scale: float) -> tuple[Array, Array]:
-        """Covariance of static friction (joints, joints) and variances (count,), with all standard deviations but the
-        invisible ones multiplied by `scale`.
+    def scaled(self, scale: Array) -> tuple[Array, Array]:
+        """Covariance of static friction (joints, joints) and variances (count,), with all standard deviations
+        multiplied by `scale` (count,).
         """
-        return scale**2 * self._sticking, scale**2 * self._visible + self._invisible
+        stuck = scale[self.layout.sticking]
+        return self._sticking * np.outer(stuck, stuck), self.variance * scale**2
 
 
 def _correlation(layout: ErrorLayout, alike: Mapping[str, float], known: Mapping[str, Bools]) -> Array:

@@ -4,7 +4,7 @@
    of their joints alone (`trunk.swing`). θ are the trunk's ten parameters, p the errors of the robot's model.
 2. Joints' errors are estimated from legs in the air, whose equations contain no weight, and p together with θ from all
    rows (`trunk.joint_errors`), with less weight for blocks that fit badly (`trunk.history`). What is uncertain of p
-   enters the error bars, by a scale of its prior sizes that comes from the residuals (`trunk.fit`).
+   enters the error bars, by sizes of its kinds that the rows show (`trunk.sizes`).
 3. Averages over the last 0.2 and 1 s are compared with the earlier estimate (`trunk.changes`). After a change of the
    load θ is estimated anew; that of p is kept.
 4. A tare stores the present trunk; the payload is the difference from it, in which constant errors cancel.

@@ -1,22 +1,13 @@
-"""Fit quality of the rows: the size of the model errors, and which of them is the likeliest.
+"""Fit quality of the rows, and which of the model errors is the likeliest cause of a bad one.
 
 The residual r = b - A θ̂ - C p̂ has the energy S. White noise and sampling explain E_w of it, and model errors with their
-prior covariance Σ0 explain E_m = tr(Σ0 D), with D the products of their columns after eliminating θ. Robots differ:
-one's errors have the covariance s² Σ0, with ln s normally distributed, of standard deviation
-`TrunkSettings.scale_spread`, and s² of mean one. Given s, S is a sum of squares of Gaussians, nearly distributed as a
-multiple of χ² of the same mean and variance (Satterthwaite),
-
-    E[S | s] = E_w + s² E_m,      Var[S | s] = Var E_w + 2 s⁴ tr (Σ0 D)²
-
-and n = 2 E[S]² / Var[S] degrees of freedom. A robot that stands shows about three, one that walks five to thirty: its
-residual may be small by chance although its offsets and gains are not. The scale used is the mean of s² given S: one
-where nothing is seen, (S - E_w) / E_m where n is large. s scales the errors that residuals show; errors that no
-residual shows (those of a robot at rest) keep their prior size. The misfit is S / (E_w + E_m).
+prior covariance Σ0 explain E_m = tr(Σ0 D), with D the products of their columns after eliminating θ. The misfit is
+S / (E_w + E_m).
 
 Sampling errors are those of signals that change within a sample, as at a touchdown on hard ground, where an
 accelerometer read at 200 or 500 Hz misses part of the impact or counts it twice. They are at most as large as half the
 difference between rows of every other sample (`stadera.trunk.rows`), white noise included, so E_w lies between the
-energy of white noise, known to 30 %, and the energy of these differences, with a uniform distribution. Friction, rotor
+energy of white noise and the energy of these differences, and is taken to be in the middle. Friction, rotor
 inertia and lag were estimated from the same rows, so their errors follow the sampling error e: all errors together are
 e f, with f the column of Σ that belongs to e over its variance e², plus others whose covariance is Σ - e² f fᵀ. The
 first leave the energy fᵀ D f in place of that of the differences, E_m is that of the others, and neither can be
@@ -29,7 +20,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.special import gammaln
 
 from stadera.robot.model import Robot
 from stadera.trunk.error_model import ErrorLayout, ErrorModel
@@ -39,6 +29,7 @@ from stadera.trunk.joint_errors import Errors
 from stadera.trunk.rows import SwingRows
 from stadera.trunk.segment import RowSums
 from stadera.trunk.settings import TrunkSettings
+from stadera.trunk.sizes import Sizes
 from stadera.trunk.swing import SwingJoints
 from stadera.trust import Trust, Verdict
 from stadera.types import Array
@@ -60,7 +51,6 @@ _CAUSES = {
     "torque_lag": "torques that are late",
     "velocity_lag": "joint velocities that are late",
 }
-_WIDEST, _TRIES = 5.0, 81  # standard deviations of ln s, and number of its values, in sums over it
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,13 +58,11 @@ class Fit:
     """Fit quality of all rows so far.
 
     Attributes:
-        scale: s, of the model errors that show in residuals.
         misfit: variance of the residual divided by the expected one.
         sums: see `Segment.remainder`. errors: p̂. layout: their places.
         white: E_w.
     """
 
-    scale: float
     misfit: float
     sums: Array
     errors: Array
@@ -82,7 +70,7 @@ class Fit:
     layout: ErrorLayout
 
     @classmethod
-    def of(cls, rows: RowSums, errors: Errors, settings: TrunkSettings) -> Fit:
+    def of(cls, rows: RowSums, errors: Errors) -> Fit:
         """Evaluates the fit of rows of the same robot.
 
         Args:
@@ -92,12 +80,9 @@ class Fit:
         products, joints = sums[1:, 1:], errors.layout.by_swing
         along = sums[1:, 0] - products[:, joints] @ p[joints]
         square = float(sums[0, 0] - (sums[1:, 0] + along) @ p)
-        of_sampling, stated, doubled = errors.energies(sums)
-        more = 0.5 * max(of_sampling - white, 0.0)  # none to all of it
-        unsure = (settings.noise_known * white) ** 2 + more**2 / 3.0
-        residual, noise = max(square, 0.0), white + more
-        square = _scale_square(max(residual, white), (noise, unsure), (stated, 2.0 * doubled), settings.scale_spread)
-        return cls(float(np.sqrt(square)), residual / max(noise + stated, 1e-300), sums, p, noise, errors.layout)
+        of_sampling, stated = errors.energies(sums)
+        noise = white + 0.5 * max(of_sampling - white, 0.0)
+        return cls(max(square, 0.0) / max(noise + stated, 1e-300), sums, p, noise, errors.layout)
 
     @cached_property
     def remainder(self) -> Array:
@@ -170,7 +155,7 @@ class ModelFit:
         robot: the model. settings: sizes of the errors, limits of the verdict, and when both are updated.
 
     Attributes:
-        model: prior of the errors. swing: sums of the legs in the air. errors: p̂ and Σ.
+        model: prior of the errors. swing: sums of the legs in the air. errors: p̂ and Σ. sizes: of its kinds.
         fit: of the rows, and swing_misfit, of the legs in the air; None before either is evaluated.
         due: number of blocks after which all are updated next.
     """
@@ -179,7 +164,8 @@ class ModelFit:
         self._robot, self._settings = robot, settings
         self.model = ErrorModel(robot, settings.model, robot.leg_length)
         self.swing = SwingJoints(self.model, settings.swing)
-        self.errors = Errors(self.model, self.swing, 1.0)
+        self.errors = Errors(self.model, self.swing)
+        self.sizes = Sizes(self.model.layout, settings.size_spread)
         self.fit: Fit | None = None
         self.swing_misfit: float | None = None
         self.due, self._trust = 0, None  # type: int, Trust | None
@@ -195,10 +181,11 @@ class ModelFit:
             return
         self.due = history.blocks + self._settings.wait(history.blocks)
         rows, layout = history.total, self.model.layout
-        usual = Errors(self.model, self.swing, 1.0, rows, layout.by_swing)
-        self.fit = Fit.of(rows, usual, self._settings)
-        scale = max(self.fit.scale, self.fit.scale**self._settings.scale_shared)
-        self.errors = Errors(self.model, self.swing, scale, rows, scatter=history.scatter.value)
+        usual = Errors(self.model, self.swing, None, rows, layout.by_swing)
+        self.fit = Fit.of(rows, usual)
+        if rows.weight:
+            self.sizes.update(*usual.evidence(rows, self.model, self.swing))
+        self.errors = Errors(self.model, self.swing, self.sizes.factors, rows, scatter=history.scatter.value)
         laws = [layout.places[name] for name in ("rotor", "viscous", "coulomb")]
         front.know_joints(*(np.array([x[law] for law in laws]) for x in (self.errors.mean, self.errors.std)))
         self.swing_misfit = self.swing.misfit if front.seen >= self._settings.evaluated else None
@@ -222,26 +209,6 @@ class ModelFit:
                     self._robot, self.model, self._settings, self.swing_misfit, self.swing.stepped
                 )
         return self._trust
-
-
-def _scale_square(residual: float, noise: tuple[float, float], errors: tuple[float, float], spread: float) -> float:
-    """Mean of s² given the residual's energy, see the module's text.
-
-    Args:
-        residual: S. noise: mean and variance of E_w. errors: mean and variance of the model errors' part for s = 1.
-        spread: standard deviation of ln s before any data.
-    """
-    if errors[0] <= 0.0:
-        return 1.0
-    tried = np.linspace(-_WIDEST * spread, _WIDEST * spread, _TRIES)  # ln s about the prior's median
-    square = np.exp(2.0 * (tried - spread**2))
-    expected = noise[0] + square * errors[0]
-    half_freedom = expected**2 / (noise[1] + square**2 * errors[1])
-    part = half_freedom * max(residual, 1e-300) / expected
-    likely = half_freedom * np.log(part) - part - gammaln(half_freedom)
-    likely -= 0.5 * (tried / spread) ** 2
-    weight = np.exp(likely - likely.max())
-    return float(weight @ square / weight.sum())
 
 
 def _without(products: Array, errors: Array, joints: slice) -> Array:

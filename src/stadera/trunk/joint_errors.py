@@ -48,7 +48,7 @@ class Errors:
     Args:
         model: sizes of the errors.
         swing: sums of the legs in the air.
-        scale: of the standard deviations in `model`, from the fit.
+        scale: (errors,), of the standard deviations in `model`; None for one.
         rows: sums of the loaded legs; None before any.
         learnt: errors that are estimated from `rows`, from the first one on; the rest is considered. None for those
             of the model's layout.
@@ -66,7 +66,7 @@ class Errors:
         self,
         model: ErrorModel,
         swing: SwingJoints,
-        scale: float,
+        scale: Array | None = None,
         rows: RowSums | None = None,
         learnt: slice | None = None,
         scatter: float = 1.0,
@@ -75,7 +75,8 @@ class Errors:
         self._length, self.layout = model.length, model.layout
         learnt, count, by_swing = learnt or self.layout.learnt, self.layout.count, self.layout.by_swing
         gain, stuck = self.layout.places["gain"], self.layout.sticking
-        joints, covariance = swing.posterior(scale)
+        joints, covariance = swing.posterior(None if scale is None else scale[by_swing])
+        scale = np.ones(count) if scale is None else scale
         sticking, variance = model.scaled(scale)
         self.mean, self.covariance = np.zeros(count), np.diag(variance)
         self.mean[by_swing], self.covariance[by_swing, by_swing] = joints, covariance
@@ -83,7 +84,7 @@ class Errors:
         before, rest, by_rest = self.covariance.copy(), slice(learnt.stop, count), None
         if rows is not None and rows.weight:
             by_rest = self._learn(_Root.of(covariance, np.sqrt(variance[learnt]), gain), rows, learnt)
-        self.start = scale**2 * model.covariance
+        self.start = model.covariance * np.outer(scale, scale)
         self._sticking = self._held(model, swing, sticking)
         before[stuck, stuck] = self.covariance[stuck, stuck] = self._sticking
         self.prior, self.remaining = before, self.covariance.copy()
@@ -110,10 +111,24 @@ class Errors:
             inverse = upper + np.triu(upper, 1).T
             found = inverse @ along / loud
             square = before - float(found @ (2.0 * along - normal @ found))
+        self._loud = loud
         self.mean[learnt] += root.before(found[:, None])[:, 0]
         S = root.before(root.before(inverse).T)
         self.covariance[learnt, learnt] = 0.5 * (S + S.T)
         return np.asarray(S @ products[:, learnt.stop :] / loud)
+
+    def evidence(self, rows: RowSums, model: ErrorModel, swing: SwingJoints) -> tuple[Array, Array]:
+        """What loaded legs and legs in the air tell the errors before any row: A (learnt, learnt) and c (learnt,) of
+        `stadera.trunk.sizes`.
+        """
+        learnt, by_swing = self.layout.learnt, self.layout.by_swing
+        normal, right = rows.in_motion[1:, 1:][learnt, learnt] / self._loud, rows.in_motion[1:, 0][learnt] / self._loud
+        in_air = swing.information
+        normal[by_swing, by_swing] += in_air[0]
+        right[by_swing] += in_air[1]
+        start, std = model.covariance[by_swing, by_swing], np.sqrt(model.variance[learnt])
+        root = _Root.of(start, std, self.layout.places["gain"])
+        return root.after(root.after(normal).T), root.after(right[None])[0]
 
     def _held(self, model: ErrorModel, swing: SwingJoints, sticking: Array) -> Array:
         """Covariance (joints, joints) of static friction, of the size that the present Coulomb friction allows.
@@ -175,17 +190,17 @@ class Errors:
         P = segment.inverse @ segment.inverse.T
         return np.asarray(self.scatter * P + P @ segment.sums.follows_motion(self._sticking, self._length) @ P)
 
-    def energies(self, products: Array) -> tuple[float, float, float]:
-        """How the expected energy of the residual splits: that of the sampling error e, and of all others tr D Σ', with
-        tr (D Σ')². With own variance e² and f the column of Σ over it, Σ' = Σ - e² f fᵀ, and e² fᵀ D f is the first.
+    def energies(self, products: Array) -> tuple[float, float]:
+        """How the expected energy of the residual splits: that of the sampling error e, and of all others tr D Σ'. With
+        own variance e² and f the column of Σ over it, Σ' = Σ - e² f fᵀ, and e² fᵀ D f is the first.
 
         Args:
             products: (1 + errors, 1 + errors) of target and errors; D is all but the first row and column.
         """
         at = self.layout.places["sampling"].start
         D, column, own = products[1:, 1:], self.covariance[:, at], self.covariance[at, at]
-        moved = D @ (self.covariance - np.outer(column, column) / own)
-        return float(column @ D @ column / own), float(np.trace(moved)), float(np.einsum("ij,ji->", moved, moved))
+        sampling = float(column @ D @ column / own)
+        return sampling, float(np.einsum("ij,ji->", D, self.covariance)) - sampling
 
 
 @dataclass(frozen=True, eq=False)

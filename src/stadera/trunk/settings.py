@@ -17,7 +17,7 @@ def _positive(settings: ChangeSettings | OutlierSettings | SwingDetection, *or_z
 class ModelErrors:
     """Prior standard deviations of the differences between real robots and their models.
 
-    They describe robots in general, not one log: the fit scales those that the log shows (see `stadera.trunk.fit`).
+    They describe robots in general, not one log, which scales the kinds that it shows (see `stadera.trunk.sizes`).
     Torques are given as shares of the joint's effort limit.
 
     Attributes:
@@ -255,10 +255,9 @@ class TrunkSettings:
         outliers: criteria for blocks that fit far worse than usual.
         after_change: standard deviation of the trunk after a change, as a share of the widest prior [1].
         settled: time of data after which an estimate counts as converged [s].
-        scale_spread: standard deviation of the logarithm of the model errors' scale before any data [1]. The sizes in
-            `ModelErrors` come from few robots; they are taken to be right for others within a factor of three (95 %).
-        scale_shared: share of ln s that is used where errors are smaller than usual [1]: small residuals do not
-            prove that feet and encoders are good. Without it bars of the centre of mass are too narrow by a quarter.
+        size_spread: standard deviation of the logarithm of the size of each kind of model errors before any data [1],
+            see `stadera.trunk.sizes`. The sizes in `ModelErrors` come from few robots; they are taken to be right for
+            others within a factor of three (95 %).
         impact: half the difference between the forces of odd and of even samples above which a block is left out, share
             of the weight [1]: as much as a foot carries on four. The log's rate does not resolve the accelerations of
             such a block, and noise of that size in the equations' matrix makes the trunk lighter, which no error bar
@@ -271,8 +270,6 @@ class TrunkSettings:
         lost, bridged: step between samples above which samples are missing, in usual steps [1], and one that is always
             short enough [s].
         lost_ground: length of a gap after which ground normal and gravity are estimated anew [s].
-        noise_known: relative standard deviation of the energy of white noise [1]: it is not quite white, and windows
-            overlap.
         explained: largest model error that is tried as an explanation of the residual, in prior standard deviations.
         doubtful, bad: misfit above which a result is doubtful, or bad, see `stadera.trust.Trust` [1].
         apart: standard deviations between a scale and the log, beyond which they contradict each other.
@@ -286,8 +283,7 @@ class TrunkSettings:
     outliers: OutlierSettings = field(default_factory=OutlierSettings)
     after_change: float = 0.3
     settled: float = 0.5
-    scale_spread: float = 0.55
-    scale_shared: float = 0.5
+    size_spread: float = 0.55
     impact: float = 0.25
     stop: float = 0.015
     updated: int = 10
@@ -297,7 +293,6 @@ class TrunkSettings:
     lost: float = 3.5
     bridged: float = 0.006
     lost_ground: float = 0.2
-    noise_known: float = 0.3
     explained: float = 10.0
     doubtful: float = 3.0
     bad: float = 9.0
@@ -314,7 +309,7 @@ class TrunkSettings:
             "lost",
             "bridged",
             "lost_ground",
-            "noise_known",
+            "size_spread",
             "explained",
             "stop",
         )

@@ -20,7 +20,6 @@ from stadera.types import Array, Bools
 
 _ENOUGH = 4  # rows for each unknown, needed to evaluate the fit of the joints' law
 _QUIETEST = 0.02  # of the stated variance: smaller residuals do not sharpen the estimate further
-_LIKE = 0.05  # relative difference from one of a scale that is taken for one
 _RECENT = 12.0  # rows of a joint, over which its latest residual is averaged
 _STEP = (
     0.04  # of the effort limit: average residual that friction laws do not have, and a torque sensor that jumps does
@@ -55,7 +54,7 @@ class SwingJoints:
         self._expected, self._loud = np.zeros(count), np.inf
         self._joints = np.zeros((3, layout.joints))
         self._averaged, self._average, self.stepped = self._joints
-        self._found: dict[float, tuple[Array, Array]] = {}  # by scale: at one, and at the last other one
+        self._one, self._found = np.ones(count), None  # type: Array, tuple[Array, Array] | None
 
     def add(self, air: Bools, terms: Array, rate: Array, residual: Array, white: Array) -> None:
         """Adds one block.
@@ -82,7 +81,7 @@ class SwingJoints:
         self._right -= weighted.T @ residual
         self._square += float(weight[used] @ residual**2)
         self.rows += len(rows)
-        self._found.clear()
+        self._found = None
 
     def _compare(self, swinging: Bools, residual: Array, weight: Array) -> None:
         """Averages the latest residuals of each joint, and keeps those that are beyond the usual ones."""
@@ -100,36 +99,41 @@ class SwingJoints:
         """Variance of the rows' residual divided by the stated one."""
         if self.rows < _ENOUGH * len(self._right):
             return 1.0
-        mean, _ = self.posterior(1.0)
+        mean, _ = self.posterior()
         return float(self._square - mean @ (2.0 * self._right - self._normal @ mean)) / self.rows
 
-    def posterior(self, scale: float) -> tuple[Array, Array]:
+    @property
+    def information(self) -> tuple[Array, Array]:
+        """Normal matrix (count, count) and right side (count,) of the rows, in units of what repeats."""
+        _, _, loud = self._least_squares(self._one)
+        return self._normal / loud, self._right / loud
+
+    def posterior(self, scale: Array | None = None) -> tuple[Array, Array]:
         """Mean and covariance of the errors that swing rows determine, `ErrorLayout.by_swing`.
 
         Args:
-            scale: factor on the prior's standard deviations.
+            scale: factors (count,) on the prior's standard deviations; None for one.
         """
-        if abs(1.0 / scale - 1.0) <= _LIKE:
-            scale = 1.0
-        if scale not in self._found:
-            self._found = {known: found for known, found in self._found.items() if known == 1.0}
-            self._found[scale] = self._solved(scale)
-        return self._found[scale]
+        if scale is not None:
+            return self._least_squares(scale)[:2]
+        if self._found is None:
+            self._found = self._usual()
+        return self._found
 
-    def _solved(self, scale: float) -> tuple[Array, Array]:
-        mean, covariance, loud = self._least_squares(scale)
+    def _usual(self) -> tuple[Array, Array]:
+        mean, covariance, loud = self._least_squares(self._one)
         loud, count = loud / self._settings.repeated, len(mean)
-        if self.rows > 2 * count and scale == 1.0 and self._loud == np.inf:  # compared with the log's beginning
+        if self.rows > 2 * count and self._loud == np.inf:  # compared with the log's beginning
             self._expected, self._loud = mean, _STEP_WILD**2 * loud
-        if self.rows > _ENOUGH * count and scale == 1.0:
+        if self.rows > _ENOUGH * count:
             self._last, self._limit_square = mean, _WILD**2 * loud
         return mean, covariance
 
-    def _least_squares(self, scale: float) -> tuple[Array, Array, float]:
-        loud, information, mean = self._settings.repeated, self._prior, self._right
-        covariance = information
+    def _least_squares(self, scale: Array) -> tuple[Array, Array, float]:
+        loud, prior, mean = self._settings.repeated, self._prior / np.outer(scale, scale), self._right
+        covariance = prior
         for _ in range(2):  # the second pass uses the first one's residual
-            information = self._normal / loud + self._prior / scale**2
+            information = self._normal / loud + prior
             upper = np.triu(lapack.dpotri(lapack.dpotrf(information)[0])[0])
             covariance = upper + np.triu(upper, 1).T
             mean = covariance @ self._right / loud
