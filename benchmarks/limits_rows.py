@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from stadera.body import Body, Motion
-from stadera.body.statics import LegModel
 from stadera.inertia import InertialParameters
 from stadera.robot import Robot
 from stadera.robot.imu import ImuMount
@@ -80,7 +79,7 @@ class LogRows:
     def _of(
         cls, made: list[tuple[BlockRows, tuple[Array, Array]]], robot: Robot, joints: _JointEffects | None
     ) -> LogRows:
-        unit = unit_of_rows(robot_weight(robot), LegModel.of(robot).length)
+        unit = unit_of_rows(robot_weight(robot), robot.leg_length)
         columns = np.array([rows.columns for rows, _ in made]) / unit[:, None]
         swing = [
             (b, *_swing_rows(rows, joints.averaged(*times)))

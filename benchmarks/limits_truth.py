@@ -12,8 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from stadera.body.friction import JointFriction, joint_columns
-from stadera.body.statics import LegModel
+from stadera.body import Body
 from stadera.inertia import InertialParameters
 from stadera.lab.experiments.reality import RealityCase, case_settings, real_log
 from stadera.lab.reality.draw import Range, RealSizes
@@ -24,6 +23,7 @@ from stadera.lab.sensors import effort_limits
 from stadera.logs import Recording
 from stadera.robot import Robot
 from stadera.robot.imu import ImuMount
+from stadera.robot.kinematics import forward_kinematics
 from stadera.trunk.error_model import ErrorLayout, ErrorModel
 from stadera.trunk.samples import Samples
 from stadera.trunk.settings import ModelErrors
@@ -74,14 +74,14 @@ def true_errors(robot: Robot, drawn: Mapping[str, Any], samples: Samples) -> Arr
 
 def _contact(robot: Robot, drawn: Mapping[str, Any], samples: Samples) -> Array:
     """(4, 3) [m], mean displacement of the contact points in trunk axes."""
-    model = LegModel.of(robot)
-    turn = model.pose(samples.position[:, model.columns]).turn[..., 2].swapaxes(2, 3)  # (3, 3, leg, samples)
+    turn = forward_kinematics(robot.tree, samples.position)[0]  # (samples, link, 3, 3)
     up = samples.specific_force.mean(axis=0)
     out = np.empty((4, 3))
     for k, leg in enumerate(robot.legs):
         foot = drawn["feet"][leg.name]
         moved = np.array(foot["position"]) - np.array(leg.foot_position)
-        out[k] = turn[:, :, k].mean(axis=-1) @ moved - (foot["radius"] - leg.foot_radius) * up / np.linalg.norm(up)
+        foot_turn = turn[:, robot.tree.links.index(leg.links[-1])].mean(axis=0)
+        out[k] = foot_turn @ moved - (foot["radius"] - leg.foot_radius) * up / np.linalg.norm(up)
     return out
 
 
@@ -155,7 +155,7 @@ def law_of_errors(robot: Robot, sizes: RealSizes, drawn: Mapping[str, Any], erro
     Sizes that a run draws for itself (its noise, whether its velocities are differenced) count as known, and Coulomb
     friction in p (ERRORS,) as the size of static friction.
     """
-    limit = effort_limits(robot)[joint_columns(robot).ravel()]
+    limit = effort_limits(robot)[Body.of(robot).in_legs]
     scaled, mean = STANDARD.times(drawn["noise"]), np.zeros(ERRORS)
     factors: list[Array] = []
 
@@ -185,7 +185,8 @@ def law_of_errors(robot: Robot, sizes: RealSizes, drawn: Mapping[str, Any], erro
     mean[PLACES["torque_lag"]] = 0.5 * (low + high)
     put("torque_lag", np.array([[(high - low) / np.sqrt(12.0)]]))
     mean[PLACES["velocity_lag"]] = 0.0 if drawn["quantum"] is None else 0.5 * drawn["differenced"]
-    friction = np.abs(JointFriction.of(robot).coulomb).ravel() + errors[PLACES["coulomb"]]
+    joints = [joint for leg in robot.legs for joint in leg.joints]
+    friction = np.abs([robot.dynamics[joint].coulomb for joint in joints]) + errors[PLACES["coulomb"]]
     sticking = np.zeros((ERRORS, 12))
     sticking[PLACES["stiction"]] = ModelErrors.held * np.diag(friction)
     return ErrorLaw(mean, np.hstack(factors), sticking)
@@ -194,7 +195,7 @@ def law_of_errors(robot: Robot, sizes: RealSizes, drawn: Mapping[str, Any], erro
 def usual_errors(robot: Robot, sizes: RealSizes) -> ErrorLaw:
     """The law that the estimator assumes, of `ModelErrors`; the mean of all gains is zero unless `sizes` draws it."""
     usual = ModelErrors()
-    covariance = ErrorModel(robot, usual, LegModel.of(robot).length).covariance
+    covariance = ErrorModel(robot, usual, robot.leg_length).covariance
     gain, stiction = PLACES["gain"], PLACES["stiction"]
     covariance[gain, gain] -= usual.gain**2 / 12.0
     if sizes.common_gain:

@@ -12,12 +12,12 @@ import sys
 import numpy as np
 
 import stadera
-from stadera.body.statics import LegModel
 from stadera.constants import GRAVITY
 from stadera.logs import read
 from stadera.trunk.measurement import measurements_of
 from stadera.trunk.model import TrunkModel
 from stadera.trunk.protocol import Estimator, Status, TrunkEstimate, unobserved
+from stadera.trunk.standing.forces import ContactForceEstimator
 
 TORQUE_SCALE = 0.03  # standard deviation of what all torques have in common, as torque sensors are specified
 
@@ -26,19 +26,13 @@ class MeanMass:
     """Mean of the vertical force of the feet, less the weight of the legs."""
 
     def __init__(self, robot: stadera.Robot) -> None:
-        self.legs, self.prior = LegModel(robot), TrunkModel.prior(robot)
+        self.forces, self.prior = ContactForceEstimator(robot), TrunkModel.prior(robot)
         self.masses: list[float] = []
         self.time = np.nan
 
     def update(self, measurement: stadera.Measurement) -> None:
-        by_leg = self.legs.columns  # (4, 3), where each leg's joints are in the arrays
-        force, _ = self.legs.forces_at_rest(
-            measurement.joint_position[by_leg][None],
-            measurement.effort[by_leg][None],
-            measurement.specific_force[None],
-        )
-        carried = force[0].sum(axis=0) @ measurement.up / GRAVITY
-        self.masses.append(carried - self.legs.leg_mass)
+        carried = self.forces.at(measurement).wrench[:3] @ measurement.up / GRAVITY
+        self.masses.append(carried - self.forces.leg_mass)
         self.time = measurement.time
 
     def estimate(self) -> TrunkEstimate:
@@ -46,7 +40,7 @@ class MeanMass:
         if not self.masses:
             return TrunkEstimate(self.time, self.prior, covariance, Status.WAITING)
         # the mean of many samples is known well, but not the scale of the torques, which no number of samples shows
-        carried = np.mean(self.masses) + self.legs.leg_mass
+        carried = np.mean(self.masses) + self.forces.leg_mass
         covariance[0, 0] = np.var(self.masses) / len(self.masses) + (TORQUE_SCALE * carried) ** 2
         trunk = TrunkModel(float(np.mean(self.masses)), self.prior.com_trunk)
         return TrunkEstimate(self.time, trunk, covariance, Status.MOVING)

@@ -8,9 +8,10 @@ import numpy as np
 import pinocchio as pin
 from scipy.spatial.transform import Rotation
 
-from stadera.body.statics import foot_jacobians, foot_positions
+from stadera.lab.control.legs import foot_jacobians
 from stadera.logs import Imu, Recording
 from stadera.robot import Robot
+from stadera.robot.kinematics import foot_positions
 from stadera.robot.stance import standing_configuration
 from stadera.trunk import Measurement
 

@@ -14,13 +14,14 @@ import pinocchio as pin
 from scipy.interpolate import make_interp_spline
 from scipy.spatial.transform import Rotation
 
-from stadera.body.statics import foot_jacobians, foot_positions
 from stadera.inertia import InertialParameters
+from stadera.lab.control.legs import foot_jacobians
 from stadera.lab.plant import SensorErrors
 from stadera.lab.sensors import effort_limits
 from stadera.logs import Imu, Recording
 from stadera.robot import Robot
 from stadera.robot.imu import ImuMount
+from stadera.robot.kinematics import foot_positions
 from stadera.robot.stance import standing_configuration
 
 GRAVITY = 9.81

@@ -30,7 +30,6 @@ from stadera.body import (
     inertial_columns,
     stack,
 )
-from stadera.body.friction import JointFriction, joint_columns
 from stadera.errors import IdentificationError, MissingExtraError
 from stadera.robot import Robot, load_robot
 from stadera.robot.pinocchio import pinocchio_model
@@ -188,14 +187,11 @@ def test_identified_friction_is_the_friction_that_every_estimator_uses(speed: fl
     regressor = JointTorqueRegressor(robot.tree, FrictionModel(("coulomb",)))
     parameters = dict.fromkeys(regressor.columns, 0.0) | dict.fromkeys(names, 1.0)
     identified = regressor.predict(JointMotion(still, velocity[None], still), parameters)[0]
-    columns = joint_columns(robot)
-    added = JointFriction.of(robot).torque(velocity[columns]) - JointFriction.of(plain).torque(velocity[columns])
-    np.testing.assert_allclose(added, identified[columns])
     rest, with_friction, without = np.zeros((1, 3)), Body.of(robot), Body.of(plain)
     motion = Motion(still, velocity[None], still, rest, rest, rest, np.array([0.0, 0.0, 1.0]))
     state = with_friction.at(motion)
     carried = with_friction.left(state, motion, still) - without.left(state, motion, still)
-    np.testing.assert_allclose(carried[0], identified[columns.ravel()], atol=1e-9)
+    np.testing.assert_allclose(carried[0], identified[without.in_legs], atol=1e-9)
 
 
 @pytest.mark.parametrize("terms", [(), ("armature",), ("offset", "viscous")])

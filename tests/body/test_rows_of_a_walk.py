@@ -9,7 +9,6 @@ import pytest
 
 from stadera.body import Body
 from stadera.body import Motion as BodyMotion
-from stadera.body.statics import LegModel
 from stadera.body.tree import State
 from stadera.inertia import InertialParameters
 from stadera.robot import JointDynamics, Robot, load_robot
@@ -100,4 +99,4 @@ def test_wrong_links_act_as_their_columns_say(leg: int, link: int) -> None:
 def test_a_stretched_leg_shows_by_its_volume() -> None:
     still, rest, up = np.zeros((1, 12)), np.zeros((1, 3)), np.array([0.0, 0.0, 1.0])
     flat = Body.of(robot()).at(BodyMotion(still, still, still, rest, rest, 9.81 * up[None], up))
-    assert np.abs(flat.volume).max() < 1e-3 * LegModel.of(robot()).length ** 3
+    assert np.abs(flat.volume).max() < 1e-3 * robot().leg_length ** 3

@@ -11,11 +11,11 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from stadera.body.statics import foot_positions
 from stadera.errors import IdentificationError, UnknownNameError
 from stadera.lab.baselines import ALL_METHODS
 from stadera.lab.laws.static_poses import PoseOffset, standing_still, static_poses
 from stadera.robot import load_robot
+from stadera.robot.kinematics import foot_positions
 from stadera.robot.stance import standing_configuration
 from stadera.trunk import Estimator, Measurement, Status, TrunkBounds, TrunkEstimate, TrunkModel
 from stadera.trunk.posture import PostureLaw
@@ -331,7 +331,7 @@ def test_the_reference_robot_carries_its_weight() -> None:
     effort = TRUTH.efforts(STANCE, np.eye(3))
     step = 1e-6
     feet = foot_positions(ROBOT, STANCE[None])[0]
-    from stadera.body.statics import foot_jacobians
+    from stadera.lab.control.legs import foot_jacobians
 
     J = foot_jacobians(ROBOT, STANCE[None])[0]
     columns = np.array([[ROBOT.tree.joints.index(j) for j in leg.joints] for leg in ROBOT.legs])

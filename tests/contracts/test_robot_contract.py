@@ -9,10 +9,10 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from stadera.body.statics import foot_jacobians, foot_positions
 from stadera.errors import MissingExtraError
+from stadera.lab.control.legs import foot_jacobians
 from stadera.robot import CATALOG, LEG_NAMES, Robot, load_robot
-from stadera.robot.kinematics import forward_kinematics
+from stadera.robot.kinematics import foot_positions, forward_kinematics
 from stadera.robot.pinocchio import pinocchio_model
 from stadera.robot.stance import standing_configuration
 

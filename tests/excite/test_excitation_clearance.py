@@ -8,12 +8,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from stadera.body.statics import foot_positions
 from stadera.errors import IdentificationError
 from stadera.excite.bounds import LegBounds
 from stadera.excite.clearance import Clearance, ClearanceMap
 from stadera.robot import Robot, Shape, load_robot
-from stadera.robot.kinematics import forward_kinematics
+from stadera.robot.kinematics import foot_positions, forward_kinematics
 from stadera.robot.stance import standing_configuration
 
 Array = NDArray[np.float64]

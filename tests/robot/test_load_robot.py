@@ -9,11 +9,10 @@ import numpy as np
 import pytest
 from robot_files import CORNERS, SPHERE, mjcf, quadruped, urdf, urdf_joint, urdf_leg, urdf_link, write
 
-from stadera.body.statics import foot_positions
 from stadera.errors import MissingExtraError, ModelError, UnknownNameError
 from stadera.robot import LEG_NAMES, Robot, catalog, load_robot
 from stadera.robot.catalog import _example_robot_data
-from stadera.robot.kinematics import forward_kinematics
+from stadera.robot.kinematics import foot_positions, forward_kinematics
 
 
 # -- what it finds --------------------------------------------------------------------------------------------------

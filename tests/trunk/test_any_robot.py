@@ -1,10 +1,11 @@
-"""Weighs robots of any legs with one estimator: humanoids with flat feet, an arm that moves, three and six legs.
+"""Weighs robots of any legs, moving and at rest: humanoids with flat feet, an arm that moves, three and six legs.
 
 The plant is Pinocchio's inverse dynamics of the whole tree, without noise.
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,6 @@ from scipy.interpolate import make_interp_spline
 
 from robot.robot_files import urdf, urdf_leg, write
 from stadera import identify, weigh
-from stadera.errors import IdentificationError
 from stadera.inertia import InertialParameters
 from stadera.logs import Imu, Recording
 from stadera.robot import JointDynamics, Robot, load_robot
@@ -178,6 +178,72 @@ def test_a_log_of_a_humanoid_is_weighed_as_any_other() -> None:
     assert found.payload.mass == pytest.approx(3.0, abs=0.005 * robot.mass)
     (change,) = found.changes
     assert change.time == pytest.approx(LOADED, abs=0.1)
-    with pytest.raises(IdentificationError, match="at rest, is for four legs of three joints"):
-        weigh(robot, log, method="poses")
     assert identify(robot, log).trust.verdict != "bad"
+
+
+TILTS = ((0.0, 0.0), (0.08, 0.0), (0.0, 0.08), (-0.06, -0.06))
+"""Roll and pitch of the trunk in each pose at rest [rad]."""
+
+
+def standing(robot: Robot, load: InertialParameters, rate: float = 50.0, seconds: float = 2.0) -> Recording:
+    """A robot at rest in several poses, without and then with a load, with white noise of its torques."""
+    model = pin.buildModelFromUrdf(str(robot.source), pin.JointModelFreeFlyer())
+    locked = [j for j in range(2, model.njoints) if model.names[j] not in robot.tree.joints]
+    if locked:
+        model = pin.buildReducedModel(model, locked, pin.neutral(model))
+    model.gravity = pin.Motion.Zero()
+    order, n = np.array([model.joints[model.getJointId(j)].idx_v for j in robot.tree.joints]), len(robot.tree.joints)
+    rotations = [pin.exp3(np.array([roll, pitch, 0.0])) for roll, pitch in TILTS]
+    start, legs = pin.neutral(model), [joint for leg in robot.legs for joint in leg.joints]
+    start[order + 1] = np.resize(BENT.get(robot.name, (0.0, 0.5, -1.0)), n)
+    poses = [pin.SE3(R, np.zeros(3)) for R in rotations]
+    positions = planted(model, robot, start, poses)[:, [legs.index(joint) for joint in robot.tree.joints]]
+    loaded, points = model.copy(), [(model.getJointId(leg.joints[-1]), leg) for leg in robot.legs]
+    loaded.inertias[1] += load.to_pinocchio()
+    rng, parts = np.random.default_rng(2), []
+    for now in (model, loaded):
+        data = now.createData()
+        for q, R in zip(positions, rotations, strict=True):
+            state, more = pin.neutral(now), np.zeros(now.nv)
+            state[order + 1], more[:3] = q, 9.81 * R[2]
+            needed = np.array(pin.rnea(now, data, state, np.zeros(now.nv), more))
+            pin.computeJointJacobians(now, data, state)
+            J = []
+            for joint, leg in points:
+                point = data.oMi[joint].act(np.array(leg.foot_position)) - leg.foot_radius * R[2]
+                whole = np.array(pin.getJointJacobian(now, data, joint, pin.ReferenceFrame.WORLD))
+                whole[:3] -= pin.skew(point) @ whole[3:]
+                J.append(whole[: leg.contact])
+            stacked = np.vstack(J)
+            needed -= stacked.T @ (np.linalg.pinv(stacked[:, :6].T) @ needed[:6])
+            effort = needed[order] + 0.02 * rng.standard_normal((int(rate * seconds), n))
+            parts.append((np.tile(q, (len(effort), 1)), effort, np.tile(9.81 * R[2], (len(effort), 1))))
+    q, effort, force = (np.concatenate(values) for values in zip(*parts, strict=True))
+    imu = Imu(np.zeros_like(force), force)
+    time = np.arange(len(q)) / rate
+    return Recording(time, robot.tree.joints, q, np.zeros_like(q), effort=effort, imu=imu)
+
+
+@pytest.mark.parametrize("imu", [True, False])
+@pytest.mark.parametrize("name", ["g1", "b1_z1", 3, 6])
+def test_a_payload_is_weighed_at_rest_on_any_legs(name: str | int, imu: bool, tmp_path: Path) -> None:
+    robot = with_legs(name, tmp_path) if isinstance(name, int) else of_file(name)
+    robot = robot.with_dynamics(dict.fromkeys(robot.tree.joints, JointDynamics()))
+    mass = 0.1 * robot.mass
+    load = InertialParameters.from_com(mass, (0.02, -0.03, 0.1), 0.01 * mass * np.eye(3))
+    log = standing(robot, load)
+    if not imu:
+        log = replace(log, imu=None)
+    half = 0.5 * (log.time[-1] + log.time[1])
+    found = weigh(robot, log, (0.0, half), method="poses")
+    trunk, payload = robot.inertias[robot.trunk] + load, found.payload
+    assert payload is not None
+    assert payload.mass == pytest.approx(mass, abs=0.002 * robot.mass)
+    assert abs(payload.mass - mass) < 3.0 * payload.mass_std
+    assert found.trunk.inertial.mass == pytest.approx(trunk.mass, abs=0.0005 * robot.mass)
+    seen = found.trunk.observed[1:4]
+    np.testing.assert_allclose(found.trunk.inertial.com[seen], trunk.com[seen], atol=1e-3)
+    assert seen.sum() >= (2 if imu else 0)  # two flat feet without an IMU say little: no foot is beside their line
+    assert found.balance is not None
+    np.testing.assert_allclose(found.balance.force.sum(), 9.81 * (robot.mass + mass), rtol=1e-3)
+    np.testing.assert_allclose(found.balance.pressure, found.balance.robot_com, atol=0.005)

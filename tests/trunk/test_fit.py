@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from layout import ERRORS, LAYOUT, PLACES
-from stadera.body.statics import LegModel
 from stadera.robot import load_robot
 from stadera.robot.imu import ImuMount
 from stadera.trunk.error_model import ErrorModel
@@ -42,8 +41,8 @@ def rows(walk: Walk) -> tuple[tuple[WeightedRows, ...], ErrorModel, float]:
         squares = third_differences_squared(part.table[:, 1:])
         block = maker.block(part, motion.normal[k + BLOCK // 2], trunk, squares).rows
         if block is not None:
-            made.append(weighted(block, unit_of_rows(robot_weight(ROBOT), LegModel.of(ROBOT).length)))
-    length = LegModel.of(ROBOT).length
+            made.append(weighted(block, unit_of_rows(robot_weight(ROBOT), ROBOT.leg_length)))
+    length = ROBOT.leg_length
     return tuple(made), ErrorModel(ROBOT, ModelErrors(), length), length
 
 

@@ -69,7 +69,7 @@ def test_its_standard_deviation_is_that_of_its_errors(standing: Plant) -> None:
 def test_its_standard_deviation_is_what_the_torques_constant_errors_do(standing: Plant) -> None:
     """Each of the twelve moved by itself by its standard deviation; all else that is constant is nil."""
     size, still = 0.5, samples(standing, IDEAL, 0, 200)
-    noise = ForceNoise(np.zeros((4, 3)), np.full((4, 3), size), foot_position=0.0, leg_mass=0.0)
+    noise = ForceNoise(np.zeros(12), np.full(12, size), foot_position=0.0, leg_mass=0.0)
 
     def weighed(shift: np.ndarray) -> TrunkEstimate:
         moved = [replace(m, effort=m.effort + shift) for m in still]

@@ -8,18 +8,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from stadera.body.statics import foot_positions
 from stadera.errors import ModelError
 from stadera.inertia import InertialParameters
 from stadera.lab.laws.static_poses import PoseOffset, expected_covariance, standing_still, static_poses
 from stadera.robot import Robot, load_robot
+from stadera.robot.kinematics import foot_positions
 from stadera.trunk import Measurement
-from stadera.trunk.standing.equilibrium import (
-    ERRORS,
-    ConstantErrors,
-    equilibrium_rows,
-    leg_mass_slope,
-)
+from stadera.trunk.standing.equilibrium import ConstantErrors, constant_errors_of, equilibrium_rows, error_slope
 from stadera.trunk.standing.forces import ContactForceEstimator, ForceNoise
 from stadera.trunk.standing.poses import COMBINED, PosesCom
 from standing import GRAVITY, StandingRobot
@@ -27,6 +22,8 @@ from standing import GRAVITY, StandingRobot
 ROBOT = load_robot("hyq")
 TRUTH = StandingRobot(ROBOT, 10.0, (-0.3, 0.15, 0.1))
 POSES = static_poses(ROBOT)
+PLACES = constant_errors_of(ROBOT)
+ERRORS = len(PLACES)
 
 
 def held(pose: PoseOffset) -> Measurement:
@@ -60,7 +57,7 @@ def test_wrench_slopes_are_finite_differences() -> None:
     source, m = ContactForceEstimator(ROBOT), held(POSES[3])
     feet = foot_positions(ROBOT, m.joint_position[None])[0]
     m = replace(m, foot_position=feet)
-    slope, columns = source.at(m).wrench_slope, source.legs.columns
+    slope, columns = source.at(m).wrench_slope, source.body.in_legs.reshape(4, 3)
     for leg in range(4):
         for k in range(3):
             push = np.zeros(12)
@@ -81,17 +78,16 @@ def test_slopes_of_the_legs_masses_are_finite_differences() -> None:
 
     def told(robot: Robot) -> np.ndarray:
         source = ContactForceEstimator(robot)
-        mass = source.legs.mass
-        held_up = np.concatenate([mass * m.up, np.cross(source.legs.at(m).moment, m.up)]) * GRAVITY
-        return source.at(m).wrench - held_up
+        forces = source.at(m)
+        held_up = np.concatenate([source.leg_mass * m.up, np.cross(forces.weights.moment, m.up)]) * GRAVITY
+        return forces.wrench - held_up
 
-    slope = leg_mass_slope(ContactForceEstimator(ROBOT).at(m), ROBOT, m.joint_position, m.up)
+    slope = error_slope(ContactForceEstimator(ROBOT).at(m), ROBOT, m.up)[:, PLACES["link_mass"]]
     before = told(ROBOT)
-    for leg, parts in enumerate(ROBOT.legs):
-        for k, link in enumerate(parts.links):
-            heavier = InertialParameters((1.0 + share) * ROBOT.inertias[link].vector)
-            after = told(replace(ROBOT, inertias={**ROBOT.inertias, link: heavier}))
-            np.testing.assert_allclose(slope[:, 3 * leg + k], (after - before) / share, rtol=1e-4, atol=1e-4)
+    for k, link in enumerate(ROBOT.tree.links[1:]):
+        heavier = InertialParameters((1.0 + share) * ROBOT.inertias[link].vector)
+        after = told(replace(ROBOT, inertias={**ROBOT.inertias, link: heavier}))
+        np.testing.assert_allclose(slope[:, k], (after - before) / share, rtol=1e-4, atol=1e-4)
 
 
 def test_rows_know_the_errors_that_made_them() -> None:
@@ -101,7 +97,7 @@ def test_rows_know_the_errors_that_made_them() -> None:
     source, m = ContactForceEstimator(ROBOT), held(POSES[4])
     assert m.rotation is not None
     effort = m.effort.copy()
-    effort[source.legs.columns] += torque.reshape(4, 3)
+    effort[source.body.in_legs] += torque
     # the trunk's axes as measured are turned against the true ones by ε: the vertical looks turned by it
     seen = m.rotation @ Rotation.from_rotvec(turn).as_matrix().T
     wrong = replace(
@@ -174,7 +170,7 @@ def test_a_leg_in_the_air_tells_its_offsets() -> None:
 
 
 def test_static_poses_are_within_reach_and_what_they_tell_grows() -> None:
-    errors = ConstantErrors.of(ForceNoise.of(ROBOT, constant=0.15, foot_position=0.03))
+    errors = ConstantErrors.of(ROBOT, ForceNoise.of(ROBOT, constant=0.15, foot_position=0.03))
     stds = [np.sqrt(np.diag(expected_covariance(ROBOT, POSES[:n], errors, seek_errors=True))) for n in (1, 5, 11)]
     assert (stds[1] <= stds[0] * (1 + 1e-9)).all()
     assert (stds[2] <= stds[1] * (1 + 1e-9)).all()
@@ -187,4 +183,4 @@ def test_static_poses_are_within_reach_and_what_they_tell_grows() -> None:
 
 def test_constant_errors_need_a_covariance() -> None:
     with pytest.raises(ModelError, match="positive definite"):
-        ConstantErrors(np.zeros((ERRORS, ERRORS)))
+        ConstantErrors(PLACES, np.zeros((ERRORS, ERRORS)), np.zeros((12, 12)))

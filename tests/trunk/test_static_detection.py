@@ -51,7 +51,7 @@ def nan_in(name: str) -> Callable[[Measurement], Measurement]:
 @pytest.mark.parametrize("oriented", [True, False])
 def test_a_push_across_the_vertical_is_noticed(oriented: bool) -> None:
     """By 0.8 m/s², the specific force's size changes by 0.03 m/s² only."""
-    gate = StaticDetector(FORCES.legs)
+    gate = StaticDetector(FORCES.robot)
     rotation = AT_REST.rotation if oriented else None
     quiet = [replace(m, rotation=rotation) for m in at_rest(60)]
     assert said(gate, quiet)[-1] == ""
@@ -64,7 +64,7 @@ def test_a_push_across_the_vertical_is_noticed(oriented: bool) -> None:
 @pytest.mark.parametrize("oriented", [True, False])
 def test_a_constant_error_of_the_accelerometer_or_a_slow_turn_is_no_push(oriented: bool) -> None:
     """Turning at 0.2 rad/s, which these limits allow, the vertical is carried along."""
-    gate = StaticDetector(FORCES.legs, StaticLimits(angular_velocity=0.3))
+    gate = StaticDetector(FORCES.robot, StaticLimits(angular_velocity=0.3))
     measurements = []
     for k, m in enumerate(at_rest(150)):
         R = Rotation.from_rotvec([0.0, 0.2 * DT * k, 0.0]).as_matrix()
@@ -84,7 +84,7 @@ def test_a_constant_error_of_the_accelerometer_or_a_slow_turn_is_no_push(oriente
     "name", ["joint_position", "joint_velocity", "effort", "angular_velocity", "specific_force", "rotation"]
 )
 def test_a_value_that_is_not_finite_is_named_and_forgotten(name: str) -> None:
-    gate = StaticDetector(FORCES.legs)
+    gate = StaticDetector(FORCES.robot)
     assert said(gate, at_rest(30))[-1] == ""
     (reason,) = said(gate, [nan_in(name)(replace(AT_REST, time=0.305))])
     assert reason.startswith("not finite: " + ("orientation" if name == "rotation" else name.replace("_", " ")))
@@ -147,7 +147,7 @@ def noisy(rate: float, seconds: float, std: float, moving: float = 0.0, seed: in
 def test_rest_and_motion_are_told_alike_at_every_rate(rate: float, std: float) -> None:
     """The limit is of motion, whatever the noise and however often it is sampled."""
     for moving in (0.0, 1.5 * SETTLED.joint_velocity):
-        reasons = said(StaticDetector(FORCES.legs, SETTLED), noisy(rate, 5.0, std, moving))[int(2.0 * rate) :]
+        reasons = said(StaticDetector(FORCES.robot, SETTLED), noisy(rate, 5.0, std, moving))[int(2.0 * rate) :]
         still = np.mean([not reason for reason in reasons])
         if not moving:
             assert still > 0.95
@@ -171,7 +171,7 @@ def test_noise_of_velocities_is_heard_beside_motion(rate: float) -> None:
 def test_a_simulated_stand_is_at_rest_with_and_without_imu(rate: float) -> None:
     log = simulate(ROBOT, "stand", SimulateSettings(duration=4.0, rate=rate, seed=5)).recording
     for measurements in (measurements_of(log, ROBOT), measurements_without_imu(log, ROBOT)):
-        gate = StaticDetector(FORCES.legs, SETTLED)
+        gate = StaticDetector(FORCES.robot, SETTLED)
         still = [m.time for m in measurements if not gate.complaint(m, FORCES.at(m))]
         assert still[0] < 1.2
         assert len(still) > 0.95 * rate * (4.0 - still[0])

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from layout import LAYOUT, PLACES
-from stadera.body.instant import LegDynamics
 from stadera.constants import GRAVITY
+from stadera.lab.control.legs import LegDynamics
 from stadera.lab.scenarios.run import simulate
 from stadera.lab.scenarios.settings import SimulateSettings
 from stadera.robot import Robot, load_robot

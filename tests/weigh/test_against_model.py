@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stadera.body.statics import foot_positions
 from stadera.errors import StaderaError, UntrustedError
 from stadera.inertia import InertialParameters
 from stadera.lab.scenarios.run import simulate
 from stadera.lab.scenarios.settings import Load, SimulateSettings
 from stadera.logs import Imu, Recording
 from stadera.robot import Robot, load_robot
+from stadera.robot.kinematics import foot_positions
 from stadera.robot.stance import standing_configuration
 from stadera.trunk.samples import Samples
 from stadera.weigh import weigh

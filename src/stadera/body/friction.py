@@ -9,10 +9,8 @@ from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stadera.errors import UnknownNameError
-from stadera.robot.model import Robot
 from stadera.types import Array
 
 FRICTION_TERMS: tuple[str, ...] = ("armature", "viscous", "coulomb", "offset")
@@ -29,36 +27,6 @@ Legs of a real Go2 and Aliengo identified with 0.01 or 0.02 predict their later 
 def direction(velocity: Array, out: Array | None = None) -> Array:
     """s(q̇), from -1 to 1: direction of sliding, smoothed near standstill, at velocities of any shape [rad/s]."""
     return np.asarray(np.tanh(velocity / STICTION_VELOCITY, out=out))
-
-
-def joint_columns(robot: Robot) -> NDArray[np.int_]:
-    """Index of each leg's joints, from the trunk outwards, in the tree's order, (4, 3)."""
-    return np.array([[robot.tree.joints.index(joint) for joint in leg.joints] for leg in robot.legs])
-
-
-@dataclass(frozen=True, eq=False)
-class JointFriction:
-    """Friction [N·m·s/rad, N·m] and torque offsets [N·m] of a robot's legs, each (4, 3), by leg and joint."""
-
-    viscous: Array
-    coulomb: Array
-    offset: Array
-
-    @classmethod
-    def of(cls, robot: Robot) -> Self:
-        """Friction and offsets of a robot's model."""
-        dynamics = [[robot.dynamics[joint] for joint in leg.joints] for leg in robot.legs]
-        terms = np.array([[(d.viscous, d.coulomb, d.offset) for d in leg] for leg in dynamics])
-        return cls(*np.moveaxis(terms, -1, 0))
-
-    def torque(self, velocity: Array, sliding: Array | None = None) -> Array:
-        """Torque of friction and offsets at joint velocities (..., 4, 3) [rad/s], (..., 4, 3) [N·m]. The velocities
-        `sliding` determine the direction of Coulomb friction; None for `velocity`.
-        """
-        torque = self.viscous * velocity + self.offset
-        if self.coulomb.any():
-            torque += self.coulomb * direction(velocity if sliding is None else sliding)
-        return np.asarray(torque)
 
 
 @dataclass(frozen=True)

@@ -280,7 +280,7 @@ def effect_of(T: Array, j: int, own: Array, R: Array, o: Array, at: int, out: Ar
 
 @compiled(
     "void(int64[::1], float64[:,:,::1], float64[:,::1], float64[:,::1], boolean[::1], float64[:,::1], int64[::1], "
-    "int64[:,::1], int64[::1], float64[:,::1], float64[::1], float64[:,:,::1], float64[:,:,::1], float64[:,::1], "
+    "int64[:,::1], int64[::1], float64[:,::1], boolean[::1], float64[:,:,::1], float64[:,:,::1], float64[:,:,::1], "
     "float64[:,::1], float64[:,:,::1], float64[:,:,::1], float64[:,:,:,::1], float64[:,:,::1], float64[:,:,::1], "
     "float64[:,::1], float64[:,:,::1], float64[:,:,::1])"
 )
@@ -295,10 +295,10 @@ def evaluate(
     legs: Ints,
     sizes: Ints,
     points: Array,
-    radii: Array,
+    bears: Bools,
     joints: Array,
     trunk: Array,
-    normal: Array,
+    offset: Array,
     torque: Array,
     inertial: Array,
     to_wrench: Array,
@@ -315,8 +315,8 @@ def evaluate(
         parents: (n,), of each link; n for the trunk. rotations, arms, axes, slides, parameters: as of `Body`.
         leg_of: (n,), the leg of each joint; L for one outside the legs.
         legs: (L, most), joints of each leg, outwards, filled up with -1. sizes: (L,), components of their contacts.
-        points, radii: (L, 3) and (L,) [m], of the contacts, in the last link's axes.
-        joints: (N, n, 3), q, q̇, q̈. trunk: (N, 3, 3), ω, α and a. normal: (N, 3), of the ground.
+        points: (L, 3) [m], centres of the feet, in the last link's axes. bears: (L,), False for E = 0.
+        joints: (N, n, 3), q, q̇, q̈. trunk: (N, 3, 3), ω, α and a. offset: (N, L, 3) [m], of the contacts from the feet.
         columns: (N, n, 6, 10), or (0, n, 6, 10) if they are not needed.
     """
     n, count, most = len(parents), len(legs), legs.shape[1]
@@ -364,13 +364,16 @@ def evaluate(
         for leg in range(count):
             last = legs[leg, lengths[leg] - 1]
             foot = plus(of(o, last), rotated(R, last, of(points, leg)))
-            contact = plus(foot, times(-radii[leg], of(normal, at)))
+            contact = plus(foot, (offset[at, leg, 0], offset[at, leg, 1], offset[at, leg, 2]))
             volume[at, leg] = map_leg(legs[leg], lengths[leg], sizes[leg], contact, o, s, rooms, at, to_wrench)
             speed = cross(of(omega, n), foot)
             for k in range(lengths[leg]):
                 j = legs[leg, k]
                 arm = cross(of(s, j), plus(foot, times(-1.0, of(o, j))))
                 speed = plus(speed, times(joints[at, j, 1], arm))
+                if not bears[leg]:
+                    for c in range(6):
+                        to_wrench[at, j, c] = 0.0
             for c in range(3):
                 feet[at, leg, c], pace[at, leg, c] = foot[c], speed[c]
         for j in range(n):

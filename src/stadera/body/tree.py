@@ -40,6 +40,7 @@ from numpy.typing import NDArray
 from stadera.body.friction import direction
 from stadera.body.kernel import evaluate
 from stadera.errors import ModelError
+from stadera.inertia import skews
 from stadera.robot.model import Robot
 from stadera.types import Array, Bools
 
@@ -216,17 +217,40 @@ class Body:
         felt = state.to_wrench[:, self.in_legs, :3] * left[..., None]
         return np.asarray(np.add.reduceat(felt, self.starts, axis=1))
 
-    def at(self, motion: Motion, columns: bool = False) -> State:
+    def by_contact(self, to_wrench: Array, axis: Array, force: Array) -> Array:
+        """Derivatives (L, 6, 3) of the wrench of each leg's contact by its point of application.
+
+        Moving the point of a force f by δ changes joint torque k by s_k · (δ x f) = (f x s_k) · δ and the moment on the
+        trunk by δ x f. A contact that transmits moments has no such point.
+
+        Args:
+            to_wrench, axis: (J, 6) and (J, 3), E and s of the legs' joints at one sample. force: (L, 3) [N].
+        """
+        f = skews(force)  # f x s_k and f x δ
+        felt = to_wrench[:, :, None] * (f[self.leg_of[self.in_legs]] @ axis[:, :, None])[:, None, :, 0]
+        out = -np.add.reduceat(felt, self.starts, axis=0)
+        out[:, 3:] -= f
+        out[self.sizes == 6] = 0.0
+        return np.asarray(out)
+
+    def at(
+        self, motion: Motion, columns: bool = False, contacts: Array | None = None, bears: Bools | None = None
+    ) -> State:
         """The dynamics at some samples.
 
         Args:
             columns: compute `State.columns`.
+            contacts: (N, L, 3) [m], of the contacts from the centres of the feet; None for the feet's spheres on a
+                ground of the motion's normal.
+            bears: (L,), legs whose contact forces act on the trunk, E = 0 of the others; None for all.
         """
         samples, n, legs = *motion.position.shape, len(self.legs)
-        joints, trunk, normal = np.empty((samples, n, 3)), np.empty((samples, 3, 3)), np.empty((samples, 3))
+        joints, trunk, offset = np.empty((samples, n, 3)), np.empty((samples, 3, 3)), np.empty((samples, legs, 3))
         for k in range(3):
             joints[:, :, k], trunk[:, k] = motion[k], motion[3 + k]
-        normal[:] = motion.normal
+        if contacts is None:
+            contacts = -self.radii[:, None] * motion.normal[..., None, :]
+        offset[:] = contacts
         out = State(
             np.empty((samples, n)),
             np.empty((samples, legs + 1, 6)),
@@ -249,10 +273,10 @@ class Body:
             self._padded,
             self.sizes,
             self.points,
-            self.radii,
+            np.ones(legs, dtype=bool) if bears is None else bears,
             joints,
             trunk,
-            normal,
+            offset,
             *(getattr(out, name) for name in State.__dataclass_fields__),
         )
         out.torque[:] += self.armature * motion.acceleration

@@ -11,7 +11,6 @@ import numpy as np
 from scipy.linalg import block_diag
 from scipy.spatial.transform import Rotation
 
-from stadera.body.statics import foot_positions
 from stadera.constants import ROUNDING
 from stadera.errors import ModelError
 from stadera.inertia import InertialParameters
@@ -20,6 +19,7 @@ from stadera.lab.plant.state import TrueState
 from stadera.lab.sensor_errors import SensorErrors
 from stadera.logs import Imu, Recording
 from stadera.robot.imu import ImuMount
+from stadera.robot.kinematics import foot_positions
 from stadera.robot.model import Robot
 from stadera.types import Array
 

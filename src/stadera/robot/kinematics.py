@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from stadera.errors import ModelError
 from stadera.inertia import skew
-from stadera.robot.model import Tree
+from stadera.robot.model import Robot, Tree
 from stadera.types import Array
 
 
@@ -32,6 +32,16 @@ def forward_kinematics(tree: Tree, q: ArrayLike) -> tuple[Array, Array]:
         rotations[:, i + 1] = rotations[:, parent] @ turned
         translations[:, i + 1] = translations[:, parent] + rotations[:, parent] @ tree.translations[i]
     return rotations, translations
+
+
+def foot_positions(robot: Robot, q: ArrayLike) -> Array:
+    """Centres of the feet in the trunk frame [m], shape (N, legs, 3), legs in the robot's order; q is (N, n) [rad].
+    Raises ModelError: q has another shape.
+    """
+    rotations, translations = forward_kinematics(robot.tree, q)
+    last = [robot.tree.links.index(leg.links[-1]) for leg in robot.legs]
+    feet = np.array([leg.foot_position for leg in robot.legs])
+    return np.asarray(translations[:, last] + np.einsum("nlij,lj->nli", rotations[:, last], feet))
 
 
 def checked_angles(tree: Tree, q: ArrayLike) -> Array:

@@ -7,7 +7,7 @@ import numpy as np
 
 from stadera.constants import NOTHING
 from stadera.errors import ModelError, require_positive
-from stadera.robot.kinematics import forward_kinematics
+from stadera.robot.kinematics import foot_positions, forward_kinematics
 from stadera.robot.model import Leg, Robot, Tree
 from stadera.types import Array
 
@@ -43,6 +43,11 @@ def standing_configuration(robot: Robot, settings: StanceSettings | None = None)
     zero, with the soles as there, but higher by a share of the legs' length.
     """
     return _standing(robot, settings or StanceSettings()).copy()
+
+
+def nominal_feet(robot: Robot) -> Array:
+    """Centres of the feet in the nominal stance, trunk frame [m], (legs, 3), legs in the robot's order."""
+    return np.asarray(foot_positions(robot, standing_configuration(robot)[None])[0])
 
 
 @lru_cache(maxsize=16)

@@ -1,6 +1,7 @@
 """The online estimators of the trunk's mass and centre of mass."""
 
 from stadera.trunk.estimator import TrunkEstimator
+from stadera.trunk.ground import ground_normal
 from stadera.trunk.load import LoadChange, Payload
 from stadera.trunk.measurement import Measurement, measurements_of
 from stadera.trunk.model import ImplausibleError, TrunkBounds, TrunkModel
@@ -11,7 +12,7 @@ from stadera.trunk.samples import Samples
 from stadera.trunk.settings import ChangeSettings, ModelErrors, OutlierSettings, SwingDetection, TrunkSettings
 from stadera.trunk.standing.detection import StaticDetector, StaticLimits
 from stadera.trunk.standing.equilibrium import ConstantErrors
-from stadera.trunk.standing.forces import ContactForceEstimator, ForceNoise, MeasuredLegs, ground_normal
+from stadera.trunk.standing.forces import ContactForceEstimator, ForceNoise
 from stadera.trunk.standing.poses import PosesCom
 
 __all__ = [
@@ -23,7 +24,6 @@ __all__ = [
     "ForceNoise",
     "ImplausibleError",
     "LoadChange",
-    "MeasuredLegs",
     "Measurement",
     "Method",
     "ModelErrors",

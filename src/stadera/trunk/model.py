@@ -8,10 +8,10 @@ from functools import lru_cache
 import numpy as np
 
 from stadera.body import Body, Motion
-from stadera.body.statics import nominal_feet
 from stadera.errors import StaderaError, positive
 from stadera.inertia import InertialParameters
 from stadera.robot.model import Robot
+from stadera.robot.stance import nominal_feet
 from stadera.types import Array
 
 

@@ -38,7 +38,7 @@ from numpy.typing import NDArray
 from stadera.body import Body, Motion, State
 from stadera.body.friction import direction
 from stadera.constants import GRAVITY, SINGULAR
-from stadera.inertia import InertialParameters, skew, skews
+from stadera.inertia import InertialParameters, skew
 from stadera.robot.imu import ImuMount
 from stadera.robot.model import Robot
 from stadera.trunk.calibration import SignalCalibration
@@ -327,9 +327,7 @@ class RowMaker:
         position, in the middle of the block.
 
         b is linear in accelerations where nothing moves. Joints of the same place in all legs are moved together, since
-        a leg's b is its own. Moving the point of application of f by δ changes joint torque k by
-        s_k · (δ x f) = (f x s_k) · δ and the moment on the trunk by δ x f. A contact that transmits moments has no such
-        point.
+        a leg's b is its own.
         """
         body, J, order, k = self.body, self._columns, self._order, len(motion.position) // 2
         first = 6 + body.most  # the middle as it is, then with joints displaced
@@ -351,11 +349,7 @@ class RowMaker:
         by_trunk = by_leg[:6].sum(axis=1) - state.inertial[:6, -1]
         middle, E, s = by_leg[first:], state.to_wrench[first, J], state.axis[first, J]
         by_position = (middle[1 + order, self._legs] - middle[0, self._legs]) / _STEP
-        f = skews(np.add.reduceat(E[:, :3] * h[first][:, None], body.starts, axis=0))  # f x s_k and f x δ
-        felt = E[:, :, None] * (f[self._legs] @ s[:, :, None])[:, None, :, 0]
-        by_contact = -np.add.reduceat(felt, body.starts, axis=0)  # (leg, 6, axis)
-        by_contact[:, 3:] -= f
-        by_contact[body.sizes == 6] = 0.0
+        by_contact = body.by_contact(E, s, np.add.reduceat(E[:, :3] * h[first][:, None], body.starts, axis=0))
         probes = np.vstack([by_trunk, by_leg[6 + order, self._legs]]).T
         return probes, np.hstack([by_position.T, by_contact.transpose(1, 0, 2).reshape(6, -1)])
 

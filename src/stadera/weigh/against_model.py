@@ -15,9 +15,9 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from stadera.body.statics import foot_positions
 from stadera.errors import require_positive
 from stadera.inertia import InertialParameters
+from stadera.robot.kinematics import foot_positions
 from stadera.robot.model import Robot, Shape
 from stadera.trunk.load import Payload
 from stadera.trunk.samples import Samples

@@ -26,6 +26,7 @@ from math import degrees, hypot, isnan, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import block_diag
 
 from stadera.constants import GRAVITY
 from stadera.errors import IdentificationError
@@ -59,8 +60,8 @@ class RestBlock:
     mass: float  # mean over `count` samples [kg]
     # of the mean due to white noise [kg²]: the larger of the stated one and that of the samples' scatter
     variance: float
-    sensitivity: Array  # (39,), s: of the mass to constant errors
-    load: Array  # (4,) [N], mean vertical forces
+    sensitivity: Array  # (k,), s: of the mass to constant errors
+    load: Array  # (L,) [N], mean vertical forces
     noticed: float = np.nan  # end of the block that confirmed the change to this load [s]; NaN for the first load
 
     def joined(self, later: RestBlock) -> RestBlock:
@@ -83,7 +84,7 @@ class RestBlock:
 
     def variance_from(self, other: RestBlock, covariance: Array) -> float:
         """Variance of the difference of two masses [kg²]: white noise of both, and the part of constant errors of this
-        covariance (39, 39) that does not cancel.
+        covariance (k, k) that does not cancel.
         """
         apart = self.sensitivity - other.sensitivity
         return float(self.variance + other.variance + apart @ covariance @ apart)
@@ -97,7 +98,7 @@ class _OpenBlock:
     count: int = 0
     mass: float = 0.0
     squares: float = 0.0
-    load: Array = field(default_factory=lambda: np.zeros(4))
+    load: Array | float = 0.0
     held: list[Measurement] = field(default_factory=list)
     in_pose: bool = True  # False once a tare was taken within it
     last: tuple[ContactForces, Measurement] | None = None
@@ -118,9 +119,9 @@ class _OpenBlock:
             return None
         forces, m = self.last
         sensitivity, n = felt_by_mass(forces, m, robot), self.count
-        white = float(sensitivity[:12] ** 2 @ forces.noise.torque_white.ravel() ** 2)
+        white = float(sensitivity[: len(forces.left)] ** 2 @ forces.noise.torque_white**2)
         variance = max(white, self.squares / (n - 1)) / n
-        return RestBlock(self.begin, m.time, n, self.mass, variance, sensitivity, self.load / n)
+        return RestBlock(self.begin, m.time, n, self.mass, variance, sensitivity, np.asarray(self.load / n))
 
 
 @dataclass
@@ -163,11 +164,11 @@ class AtRest(StepEstimator):
     def __init__(self, robot: Robot, locate: Locate, settings: WeighSettings, no_imu: str = "") -> None:
         self.robot, self._settings, self._locate, self._no_imu = robot, settings, locate, no_imu
         self._prior = ConstantErrors.of_robot(robot, settings.trunk.model)
-        torques = np.sqrt(np.diag(self._prior.covariance)[:12]).reshape(4, 3)
+        torques = np.sqrt(np.diag(self._prior.covariance)[self._prior.places["torque"]])
         self._forces = ContactForceEstimator(robot, replace(ForceNoise.of(robot), torque_constant=torques))
         self._alike = Alike()
         self._first: Measurement | None = None
-        self._gate = StaticDetector(self._forces.legs)
+        self._gate = StaticDetector(robot)
         self.blocks: list[RestBlock] = []
         self._means: list[RestBlock] = []
         self._load: _Load | None = None
@@ -180,7 +181,7 @@ class AtRest(StepEstimator):
         self._refused: list[Refusal] = []
         self._moves: _Movement | None = None
         self._restarted = self._anew = False
-        self._time, self._begin, self._reason = np.nan, np.nan, ""
+        self._time, self._begin = np.nan, np.nan
         self._sized: ConstantErrors | None = None
 
     # -- feeding ------------------------------------------------------------------------------------------------------
@@ -191,7 +192,7 @@ class AtRest(StepEstimator):
             self._first, self._begin, self._restarted, self._anew = m, m.time, False, True
             self._load, self._next, self._waiting = _Load(self._locate(m, self._forces)), None, None
         forces, self._time = self._forces.at(m), m.time
-        reason = self._reason = self._gate.complaint(m, forces) or stretched(forces, self.robot, m.stance)
+        reason = self._gate.complaint(m, forces) or stretched(forces, self.robot, m.stance)
         if reason or (self._open is not None and m.time - self._open.begin >= self._settings.block):
             self._close()
         if reason:
@@ -202,7 +203,7 @@ class AtRest(StepEstimator):
                 self._refused.append(self._moves.until(m.time))
                 self._moves = None
             self._open = self._open or _OpenBlock(m.time)
-            self._open.add(m, forces, self._forces.legs.mass)
+            self._open.add(m, forces, self._forces.leg_mass)
         for load in (self._load, self._next):
             if load is not None:
                 load.estimator.update(m)
@@ -222,7 +223,7 @@ class AtRest(StepEstimator):
         if self._moves is not None:
             self._refused.append(self._moves.until(self._time))
             self._moves = None
-        self._gate, self._restarted, self._sized = StaticDetector(self._forces.legs), True, None
+        self._gate, self._restarted, self._sized = StaticDetector(self.robot), True, None
 
     def _close(self) -> None:
         """Ends the open block; decides whether the load changed."""
@@ -241,7 +242,11 @@ class AtRest(StepEstimator):
             self._anew = False
         elif not self._departs(self._means[-1], block):
             self._means[-1], self._waiting, self._next = self._means[-1].joined(block), None, None
-        elif self._waiting is not None and self._next is not None and self._same_side(self._waiting, block):
+        elif (
+            self._waiting is not None
+            and self._next is not None
+            and (self._waiting.mass > self._means[-1].mass) == (block.mass > self._means[-1].mass)
+        ):
             self._means.append(replace(self._waiting, noticed=block.end).joined(block))
             self._earlier += self._load.estimates[: -len(self._next.estimates)]
             self._load, self._next, self._waiting = self._next, None, None
@@ -262,9 +267,6 @@ class AtRest(StepEstimator):
         least = max(settings.least_change * self.robot.mass, settings.change_deviations * std)
         return abs(block.mass - mean.mass) > least
 
-    def _same_side(self, waiting: RestBlock, block: RestBlock) -> bool:
-        return (waiting.mass > self._means[-1].mass) == (block.mass > self._means[-1].mass)
-
     # -- asking -------------------------------------------------------------------------------------------------------
     def estimate(self) -> TrunkEstimate:
         """The method's estimate at the end of the last block, and the mass of the load."""
@@ -280,11 +282,6 @@ class AtRest(StepEstimator):
         return self.blocks[-1].end if self.blocks else np.nan
 
     @property
-    def refusal(self) -> str:
-        """Why the latest measurement was not at rest; empty if it was."""
-        return self._reason
-
-    @property
     def refusals(self) -> tuple[Refusal, ...]:
         """Periods without rest, and why, in order."""
         return tuple(self._refused)
@@ -297,9 +294,9 @@ class AtRest(StepEstimator):
             return TrunkParameters.unobserved(prior)
         found, mass, alone = self._last, self._means[-1].mass, self._wide * self._means[-1].std(self._errors)
         hidden = np.isnan(found.std[1:])
-        covariance = np.zeros((4, 4))  # mass and centre of mass are estimated separately
-        covariance[0, 0] = self._with_gain(alone, mass + self.robot.mass - prior.mass) ** 2
-        covariance[1:, 1:] = self._wide**2 * found.covariance[1:, 1:]
+        own = self._with_gain(alone, mass + self.robot.mass - prior.mass) ** 2
+        # mass and centre of mass are estimated separately
+        covariance = block_diag(np.array(own), self._wide**2 * found.covariance[1:, 1:])
         com = np.where(hidden, prior.com, found.trunk.com_trunk)
         inertial = InertialParameters.from_com(mass, com, prior.inertia_com)
         observed = np.array([True, *~hidden, *[False] * 6])
@@ -372,28 +369,28 @@ class AtRest(StepEstimator):
         m = pose.measurement
         if not m.vertical_by_forces:
             turned = skew(m.up)
-            return Vertical("imu", m.up, np.sqrt(np.diag(turned @ errors.covariance[24:27, 24:27] @ turned.T)))
-        forces = self._forces.at(m)
-        felt = weight_felt(forces, self.robot, m.joint_position, m.up)[1:]
-        white = felt[:, :12] * (forces.noise.torque_white.ravel() ** 2 / pose.count) @ felt[:, :12].T
+            tilt = errors.covariance[errors.places["vertical"], errors.places["vertical"]]
+            return Vertical("imu", m.up, np.sqrt(np.diag(turned @ tilt @ turned.T)))
+        forces, torque = self._forces.at(m), errors.places["torque"]
+        felt = weight_felt(forces, self.robot, m.up)[1:]
+        white = felt[:, torque] * (forces.noise.torque_white**2 / pose.count) @ felt[:, torque].T
         return Vertical("forces", m.up, np.sqrt(np.diag(felt @ errors.covariance @ felt.T + white)))
 
     @property
     def balance(self) -> Balance:
         """In the last pose."""
-        m, found, mass, legs = self._pose.measurement, self._last, self._means[-1].mass, self._forces.legs
+        m, found, mass, legs = self._pose.measurement, self._last, self._means[-1].mass, self._forces.leg_mass
         forces, up = self._forces.at(m), m.up
         ahead = np.array([1.0, 0.0, 0.0]) - up[0] * up
         ahead /= np.linalg.norm(ahead)
         to_level = np.array([ahead, np.cross(up, ahead), up])
-        load, feet = forces.vertical(up), forces.contact @ to_level.T
-        com = (mass * found.trunk.com_trunk + legs.at(m).moment) / (mass + legs.mass)
+        com = (mass * found.trunk.com_trunk + forces.weights.moment) / (mass + legs)
         return Balance(
             to_level=to_level,
             feet=forces.contact,
             stance=forces.stance,
-            force=load,
-            pressure=load @ feet[:, :2] / load.sum(),
+            force=forces.vertical(up),
+            pressure=(to_level @ forces.pressure(up))[:2],
             robot_com=np.full(2, np.nan) if isnan(found.time) else (to_level @ com)[:2],
         )
 
@@ -478,5 +475,6 @@ def levels(blocks: Sequence[RestBlock], means: Sequence[RestBlock]) -> NDArray[n
 
 def change_variance(before: RestBlock, after: RestBlock, errors: ConstantErrors) -> float:
     """Variance of the difference of two loads [kg²]: static friction of each is its own."""
-    own = sum(float(s[:12] @ errors.sticking @ s[:12]) for s in (before.sensitivity, after.sensitivity))
+    torques = [block.sensitivity[errors.places["torque"]] for block in (before, after)]
+    own = sum(float(s @ errors.sticking @ s) for s in torques)
     return after.variance_from(before, errors.lasting) + own

@@ -90,7 +90,7 @@ def weigh(
     unloaded = others[0] if others else span
     name = method or _choose_method(source, others, chosen)
     on_scale = weight_of(f"{weight}") if isinstance(weight, int | float) else weight
-    _check_method(name, model, source, others, watch is not None, on_scale is not None, known or memory)
+    _check_method(name, source, others, watch is not None, on_scale is not None, known or memory)
     request = Request(model, name, chosen, unloaded, stiffness, progress, watch, on_scale, known, memory)
     result = weighed(request, source)
     if result.trust.verdict == "bad" and not force:
@@ -122,15 +122,10 @@ def _choose_method(log: CheckedLog, others: list[CheckedLog], settings: WeighSet
 
 
 def _check_method(
-    name: str, robot: Robot, log: CheckedLog, others: list[CheckedLog], watch: bool, weight: bool, more: object
+    name: str, log: CheckedLog, others: list[CheckedLog], watch: bool, weight: bool, more: object
 ) -> None:
-    """Checks that a method suits robot, logs and options. Raises RecordingError or IdentificationError."""
+    """Checks that a method suits logs and options. Raises RecordingError or IdentificationError."""
     method, source = method_of(name), log.source
-    if method.at_rest and not robot.quadruped:
-        raise IdentificationError(
-            f"{source.source}: the method {name!r}, at rest, is for four legs of three joints; {robot.name} is weighed "
-            f"by {IN_MOTION!r}, which needs an IMU and 50 samples a second"
-        )
     in_motion = (
         (watch, "only weighing in motion can be watched"),
         (weight, "a weight is used in motion only"),

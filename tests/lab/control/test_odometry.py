@@ -6,13 +6,14 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from stadera.body.statics import foot_jacobians, foot_positions
 from stadera.errors import ModelError
 from stadera.lab.control import TestBed, TrunkController
+from stadera.lab.control.legs import foot_jacobians
 from stadera.lab.control.odometry import LegOdometry
 from stadera.lab.plant import Plant, Sensors
 from stadera.lab.sensor_errors import IDEAL
 from stadera.robot import load_robot
+from stadera.robot.kinematics import foot_positions
 from stadera.robot.stance import standing_configuration
 
 ALL = np.ones(4, dtype=bool)

@@ -131,7 +131,7 @@ def test_forces_from_torques_are_the_plants(name: str) -> None:
     test = bed(robot, terrain=Terrain(slope=np.deg2rad(12.0), heading=1.0), payload=load_of(robot, 0.12))
     test.run(1.0)
     test.step()
-    estimator = ContactForceEstimator(robot, legs=test.controller.legs)
+    estimator = ContactForceEstimator(robot)
     measurement, truth = test.measurement, test.plant.state
     assert measurement is not None
     found = estimator.at(measurement)
@@ -160,7 +160,7 @@ def test_an_estimator_is_fed_and_heard() -> None:
         payload=load_of(robot, 0.06),
         trunk=lambda _: prior,
         estimator=lambda controller: MassEstimator(
-            robot, forces=ContactForceEstimator(robot, legs=controller.legs), settings=MassSettings(time_constant=0.1)
+            robot, forces=ContactForceEstimator(robot), settings=MassSettings(time_constant=0.1)
         ),
         feed_back=True,
         every=4,

@@ -9,13 +9,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lab.control.testbed import ROBOTS, bed, robot_named
-from stadera.body.instant import LegDynamics
-from stadera.body.statics import foot_positions
 from stadera.errors import ModelError
 from stadera.lab.control import ControlError, TestBed, TrunkController, TrunkPose
+from stadera.lab.control.legs import LegDynamics
 from stadera.lab.control.reference import Move
 from stadera.lab.control.swing import SwingTrajectory
 from stadera.lab.plant import HARSH, STANDARD
+from stadera.robot.kinematics import foot_positions
 from stadera.robot.pinocchio import pinocchio_model
 from stadera.robot.stance import standing_configuration
 
@@ -27,7 +27,7 @@ def over_the_others(test: TestBed, leg: int) -> np.ndarray:
     c, measurement = test.controller, test.measurement
     assert isinstance(c, TrunkController)
     assert measurement is not None
-    com = (c.trunk.moment + c.legs.at(measurement).moment) / (c.trunk.mass + c.legs.mass)
+    com = (c.trunk.moment + c.legs.measured(measurement).moment) / (c.trunk.mass + c.legs.leg_mass)
     shift = np.delete(c.feet, leg, axis=0).mean(axis=0) - c.position - c.rotation @ com
     return np.array([shift[0], shift[1], 0.0])
 

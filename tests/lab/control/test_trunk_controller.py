@@ -9,16 +9,17 @@ import pinocchio as pin
 import pytest
 
 from lab.control.testbed import ROBOTS, bed, load_of, robot_named
-from stadera.body.statics import foot_positions
 from stadera.errors import ModelError, UnknownNameError
 from stadera.inertia import skew
 from stadera.lab.control import ControlError, TrunkController, TrunkGains, TrunkPose
+from stadera.lab.control.legs import MeasuredLegs
 from stadera.lab.control.trunk import SmoothTrunk
 from stadera.lab.plant import Terrain
 from stadera.robot import Robot
+from stadera.robot.kinematics import foot_positions
 from stadera.robot.pinocchio import pinocchio_model
 from stadera.robot.stance import standing_configuration
-from stadera.trunk import ImplausibleError, MeasuredLegs, Measurement, TrunkBounds, TrunkModel, ground_normal
+from stadera.trunk import ImplausibleError, Measurement, TrunkBounds, TrunkModel, ground_normal
 
 
 def at_rest(robot: Robot, rotation: np.ndarray) -> Measurement:
@@ -161,7 +162,7 @@ def test_wrong_foot_positions_move_the_torques_as_their_jacobian_says() -> None:
     measurement = at_rest(robot, np.eye(3))
     feet = foot_positions(robot, measurement.joint_position[None])[0]
     wrong = feet + np.random.default_rng(0).normal(0.0, 0.02, (4, 3))
-    bias = MeasuredLegs(robot).at(measurement)
+    bias = MeasuredLegs(robot).measured(measurement)
     for kind, centres in (("feet", wrong), ("encoders", feet)):
         controller = TrunkController(robot, jacobian=kind)  # type: ignore[arg-type]
         torque = controller.update(replace(measurement, foot_position=wrong))

@@ -9,7 +9,6 @@ import pinocchio as pin
 import pytest
 
 from lab.plant.reference import pinocchio_model
-from stadera.body.statics import foot_positions
 from stadera.errors import MissingExtraError, ModelError
 from stadera.inertia import InertialParameters, skew
 from stadera.lab.plant import (
@@ -23,7 +22,7 @@ from stadera.lab.plant import (
     VirtualForce,
 )
 from stadera.robot import JointDynamics, JointLimits, Robot, load_robot
-from stadera.robot.kinematics import forward_kinematics
+from stadera.robot.kinematics import foot_positions, forward_kinematics
 from stadera.robot.stance import standing_configuration
 
 RAMP = Terrain(slope=np.deg2rad(12.0), heading=0.7)

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from stadera.body.statics import foot_positions
 from stadera.errors import ModelError, UnknownNameError
 from stadera.lab.plant import (
     HARSH,
@@ -27,6 +26,7 @@ from stadera.lab.plant import (
 from stadera.logs import Recording
 from stadera.robot import JointLimits, Robot, load_robot
 from stadera.robot.imu import ImuMount
+from stadera.robot.kinematics import foot_positions
 from stadera.robot.stance import standing_configuration
 
 

@@ -16,9 +16,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from stadera.body.statics import foot_jacobians
 from stadera.constants import GRAVITY
 from stadera.lab.control.com_plan import ComPlan, SupportPhase, plan_com
+from stadera.lab.control.legs import foot_jacobians
 from stadera.lab.control.reference import Move, TrunkPose
 from stadera.lab.control.steps import CrawlSettings
 from stadera.lab.control.support import GroundPlane, SupportPolygon, facing
@@ -49,7 +49,7 @@ class BodyReference:
 
     def see(self, measurement: Measurement) -> None:
         """Updates the pose of the legs; must be called before each use of a new measurement."""
-        state = self._controller.legs.at(measurement)
+        state = self._controller.legs.measured(measurement)
         self._legs, self._room = state.moment, _determinants(state.jacobians(state.feet)) / self._nominal
 
     def stretched(self, leg: int) -> bool:
@@ -58,12 +58,12 @@ class BodyReference:
 
     def _lever(self) -> Array:
         """c, with the trunk model of the plan."""
-        return np.asarray((self._moment + self._legs) / (self._mass + self._controller.legs.mass))
+        return np.asarray((self._moment + self._legs) / (self._mass + self._controller.legs.leg_mass))
 
     def _current_lever(self) -> Array:
         """c, with the present trunk model."""
         trunk = self._controller.trunk
-        return np.asarray((trunk.target_moment + self._legs) / (trunk.target_mass + self._controller.legs.mass))
+        return np.asarray((trunk.target_moment + self._legs) / (trunk.target_mass + self._controller.legs.leg_mass))
 
     @property
     def moved(self) -> float:

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stadera.body.instant import LegDynamics
 from stadera.constants import GRAVITY, ROUNDING
+from stadera.lab.control.legs import LegDynamics
 from stadera.lab.control.stand import TestBed
 from stadera.lab.control.support import PlanError, SupportPolygon
 from stadera.lab.control.trunk import ControlError

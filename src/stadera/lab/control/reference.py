@@ -17,9 +17,9 @@ from typing import Protocol
 import numpy as np
 import pinocchio as pin
 
-from stadera.body.statics import nominal_feet
 from stadera.errors import ModelError, positive
 from stadera.robot.model import Robot
+from stadera.robot.stance import nominal_feet
 from stadera.types import Array
 
 _NOT_MOVING = [0.0, 0.0, 0.0]

@@ -12,12 +12,12 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from stadera.body.statics import nominal_feet
 from stadera.constants import GRAVITY
 from stadera.errors import StaderaError, UnknownNameError, positive
 from stadera.lab.control.com_plan import SupportPhase, plan_com
 from stadera.lab.control.support import SupportPolygon
 from stadera.robot.model import LEG_NAMES, Robot
+from stadera.robot.stance import nominal_feet
 from stadera.types import Array
 
 

@@ -29,11 +29,9 @@ from math import isfinite
 import numpy as np
 from numpy.typing import NDArray
 
-from stadera.body.friction import JointFriction
-from stadera.body.instant import LegMotion, LegState
-from stadera.body.statics import foot_jacobians
 from stadera.constants import GRAVITY
 from stadera.errors import ModelError, positive
+from stadera.lab.control.legs import JointFriction, LegMotion, LegState, foot_jacobians
 from stadera.robot.model import Robot
 from stadera.robot.stance import standing_configuration
 from stadera.trunk.measurement import Measurement

@@ -22,7 +22,6 @@ from math import atan2, cos, hypot, sin, tanh
 import numpy as np
 from numpy.typing import ArrayLike
 
-from stadera.body.statics import nominal_feet
 from stadera.constants import GRAVITY
 from stadera.errors import ModelError, positive
 from stadera.lab.control.reference import TrunkPose
@@ -30,7 +29,7 @@ from stadera.lab.control.stand import Gait
 from stadera.lab.control.swing import SwingTrajectory
 from stadera.lab.control.trunk import TrunkController, composite
 from stadera.robot.model import Robot
-from stadera.robot.stance import standing_configuration
+from stadera.robot.stance import nominal_feet, standing_configuration
 from stadera.trunk.measurement import Measurement
 from stadera.trunk.model import TrunkModel
 from stadera.types import Array, Bools

@@ -19,24 +19,24 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import atan2, isfinite, sqrt
+from typing import Literal
 
 import numpy as np
 
-from stadera.body.instant import LegState
-from stadera.body.statics import cross, nominal_feet
 from stadera.constants import GRAVITY, NOTHING
 from stadera.errors import ModelError, StaderaError, UnknownNameError, positive
 from stadera.inertia import InertialParameters, skew
 from stadera.lab.control.distribution import ContactLimits, ForceDistribution, LoadRamp
+from stadera.lab.control.legs import LegState, MeasuredLegs, cross
 from stadera.lab.control.odometry import LegOdometry
 from stadera.lab.control.reference import Move, TrunkPose, TrunkReference
 from stadera.lab.control.swing import SwingLegs, SwingTrajectory
 from stadera.robot.kinematics import forward_kinematics
 from stadera.robot.model import Robot
-from stadera.robot.stance import standing_configuration
+from stadera.robot.stance import nominal_feet, standing_configuration
+from stadera.trunk.ground import ground_normal
 from stadera.trunk.measurement import Measurement
 from stadera.trunk.model import TrunkBounds, TrunkModel
-from stadera.trunk.standing.forces import JacobianOf, MeasuredLegs, ground_normal
 from stadera.types import Array, Bools
 
 _UP = np.array([0.0, 0.0, 1.0])
@@ -166,7 +166,7 @@ class TrunkController:
         *,
         trunk: TrunkModel | None = None,
         trunk_time: float = 0.05,
-        jacobian: JacobianOf = "feet",
+        jacobian: Literal["feet", "encoders"] = "feet",
         velocity_time: float = 0.0,
         moment_length: float | None = None,
     ) -> None:
@@ -260,14 +260,14 @@ class TrunkController:
         m, rotation = measurement, measurement.rotation
         if rotation is None:
             raise ControlError("the trunk controller needs the trunk's orientation")
-        state, columns = self.legs.at(m), self.legs.columns
+        state, columns = self.legs.measured(m), self.legs.columns
         feet = state.feet if m.foot_position is None else m.foot_position
         levers = feet.dot(rotation.T)
         dt = self._advance(m, levers, rotation, state)
         contacts = (levers - self._below).dot(rotation)
         jacobians = state.jacobians(state.feet - self._below.dot(rotation) if self._by_encoders else contacts)
         moving = np.matvec(jacobians, m.joint_velocity[columns])
-        mass = self.trunk.mass + self.legs.mass
+        mass = self.trunk.mass + self.legs.leg_mass
         com = (self.trunk.moment + state.moment) / mass
         arms = contacts - com
         self.com = self.odometry.position + rotation.dot(com)

@@ -62,8 +62,8 @@ class Camera:
         state, truth, trunk = plant.state, plant.truth(), controller.trunk.model
         com, R, p = walk.monitor.com(), state.rotation, state.position
         # the legs' contribution is the same in both, so the two differ by the trunk's
-        moment = (truth.mass + controller.legs.mass) * (R.T @ (com - p)) - truth.first_moment
-        modelled = p + R @ ((moment + trunk.mass * trunk.com_trunk) / (trunk.mass + controller.legs.mass))
+        moment = (truth.mass + controller.legs.leg_mass) * (R.T @ (com - p)) - truth.first_moment
+        modelled = p + R @ ((moment + trunk.mass * trunk.com_trunk) / (trunk.mass + controller.legs.leg_mass))
         weighed, std = _weighed(supervisor)
         values = {
             "time": state.time,

@@ -73,7 +73,7 @@ def trajectory(case: Fig6Case) -> Settling:
     plant = Plant(robot)
     plant.reset(standing_configuration(robot))
     controller = TrunkController(robot)
-    forces = ContactForceEstimator(robot, legs=controller.legs)
+    forces = ContactForceEstimator(robot)
     estimator = ContactCom(robot, forces=forces, settings=LawSettings(settling=case.settling))
     bed = TestBed(plant, Sensors(IDEAL, case.seed, robot), controller, estimator, feed_back=True)
     bed.run(_HOW.before)

@@ -24,11 +24,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stadera.body.instant import LegDynamics
 from stadera.constants import GRAVITY
 from stadera.errors import StaderaError
 from stadera.inertia import skew
 from stadera.lab.control import Crawl, CrawlCommand, CrawlPhase, TestBed, TrunkController, WalkMonitor, walk
+from stadera.lab.control.legs import LegDynamics
 from stadera.lab.experiments.result import ExperimentResult, Record
 from stadera.lab.experiments.runner import Paper, ReproduceSettings
 from stadera.lab.plant import IDEAL, Plant, Sensors, TrueState

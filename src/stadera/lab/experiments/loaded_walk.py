@@ -325,7 +325,7 @@ class LoadedWalk:
         self._events = sorted(events, key=lambda event: event[0])
         self.supervisor: StoppingSupervisor | NonstopSupervisor | None = None
         if case.supervision is Supervision.STOPPING:
-            forces = ContactForceEstimator(model, legs=controller.legs)
+            forces = ContactForceEstimator(model)
             self.supervisor = StoppingSupervisor(model, self.crawl, forces=forces)
         elif case.supervision is Supervision.NONSTOP:
             self.supervisor = NonstopSupervisor(model, self.crawl)

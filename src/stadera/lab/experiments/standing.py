@@ -197,7 +197,7 @@ class _StandingRun:
         controller = self.controller = kind(self.robot, trunk=self.start, jacobian="encoders")
         sensors = Sensors(case.errors, case.seed, self.robot)
         self.bed = TestBed(plant, sensors, controller, feed_back=True, every=case.every)
-        self.forces = ContactForceEstimator(self.robot, legs=controller.legs)
+        self.forces = ContactForceEstimator(self.robot)
         self.estimator: Estimator = MassEstimator(self.robot, self.start, self.forces)
         self._trace: list[tuple[float, Array]] = []
         self._next_trace = 0.0

@@ -231,9 +231,11 @@ def _reach(kind: Kind) -> str:
 
 def _expected(column: ErrorColumn, robot: Robot, poses: Sequence[PoseOffset]) -> float:
     """‖δ‖ [m], 1 σ, due to constant errors; their mean μ is treated as a common part of standard deviation μ."""
-    torque = np.full((4, 3), column.std if column.kind == "torque" else 1e-6)
+    torque = np.full(12, column.std if column.kind == "torque" else 1e-6)
     foot = 0.01 * column.std if column.kind == "foot" else 0.0
-    noise = ForceNoise(np.full((4, 3), 1e-3), torque, foot)
-    errors = ConstantErrors.of(noise, orientation=1e-6, common_torque=column.mean if column.kind == "torque" else 0.0)
+    noise = ForceNoise(np.full(12, 1e-3), torque, foot)
+    errors = ConstantErrors.of(
+        robot, noise, orientation=1e-6, common_torque=column.mean if column.kind == "torque" else 0.0
+    )
     covariance = expected_covariance(robot, poses, errors, seek_errors=True)
     return float(np.sqrt(covariance[1, 1] + covariance[2, 2]))

@@ -15,7 +15,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from stadera.body.statics import cross
 from stadera.lab.laws.recursive import LEAST_TILT, RecursiveCom, step_size
 from stadera.trunk.measurement import Measurement
 from stadera.trunk.standing.forces import ContactForces
@@ -41,10 +40,10 @@ class ContactCom(RecursiveCom):
             return
         settling = self.settings.settling
         step = self._step = step_size(settling, min(elapsed, self.settings.longest_step * settling))
-        F, mu = forces.total_force, forces.moment
+        F, mu = np.split(forces.wrench, 2)
         square = float(F @ F)
-        nearest = cross(F, mu) / (square + self.settings.damping**2 * square)
-        com = self._robot_com(self.forces.legs.at(measurement).moment)
+        nearest = np.cross(F, mu) / (square + self.settings.damping**2 * square)
+        com = self._robot_com(forces.weights.moment)
         mass, weighed = self._weighed(forces, up, step)
         error = nearest - com
         error = (1.0 + self._leg_mass / self._trunk.mass) * (error - up * float(up @ error))

@@ -57,7 +57,7 @@ class MassEstimator(StaticEstimator):
     ) -> None:
         super().__init__(robot, start, forces)
         self.settings = settings or MassSettings()
-        self._errors = ConstantErrors.of(self.forces.noise)
+        self._errors = ConstantErrors.of(robot, self.forces.noise)
         self._last: tuple[ContactForces, Measurement] | None = None
         self._known: Array | None = None
         self._averaged_variance = self._slow = self._fast = self._sample_variance = 0.0
@@ -65,13 +65,13 @@ class MassEstimator(StaticEstimator):
 
     def _learn(self, measurement: Measurement, forces: ContactForces) -> None:
         time, up = measurement.time, measurement.up
-        self._average(time, float(up @ forces.total_force) / GRAVITY)
+        self._average(time, float(up @ forces.wrench[:3]) / GRAVITY)
         if self._sample_variance == 0.0:
             self._sample_variance = float(up @ forces.white_covariance[:3, :3] @ up) / GRAVITY**2
         rested = time - self._since >= self.settings.settled * self.settings.time_constant
         noise = sqrt(self._sample_variance * self._squared_weights * self.settings.faster)
         steady = abs(self._fast - self._slow) < self.settings.change * self.robot.mass + 3.0 * noise
-        if self._adopt(time, self._slow - self.forces.legs.mass, self._start.com_trunk, rested and steady):
+        if self._adopt(time, self._slow - self.forces.leg_mass, self._start.com_trunk, rested and steady):
             self._last, self._known = (forces, measurement), None
             self._averaged_variance = self._sample_variance * self._squared_weights
 

@@ -105,7 +105,7 @@ class OrientationCom(RecursiveCom):
 
     def _correct(self, measurement: Measurement, forces: ContactForces, error: Array, up: Array) -> None:
         """Makes one step with the mean orientation error (3,) [rad] of a period."""
-        leg_moment = self.forces.legs.at(measurement).moment
+        leg_moment = forces.weights.moment
         com = self._robot_com(leg_moment)
         mass, weighed = self._weighed(forces, up, self._step)
         weight = GRAVITY * (mass + self._leg_mass)
@@ -130,7 +130,9 @@ class OrientationCom(RecursiveCom):
         self._due = np.nan
 
     def _felt(self, instant: Instant) -> Array:
-        """Effect (4, 39) of constant errors in this pose; an orientation error ε changes e by -ε."""
+        """Effect (4, k) of constant errors in this pose; an orientation error ε changes e by -ε."""
         felt = super()._felt(instant)
-        felt[1:, 24:27] = -skew(instant.up) * self.posture.stiffness / (instant.trunk.mass * GRAVITY)
+        felt[1:, self._errors.places["vertical"]] = (
+            -skew(instant.up) * self.posture.stiffness / (instant.trunk.mass * GRAVITY)
+        )
         return felt

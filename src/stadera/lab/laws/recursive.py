@@ -41,7 +41,7 @@ from stadera.trunk.measurement import Measurement
 from stadera.trunk.model import TrunkModel
 from stadera.trunk.protocol import unobserved
 from stadera.trunk.standing.detection import StaticEstimator, StaticLimits
-from stadera.trunk.standing.equilibrium import ConstantErrors, leg_mass_slope
+from stadera.trunk.standing.equilibrium import ConstantErrors, error_slope
 from stadera.trunk.standing.forces import ContactForceEstimator, ContactForces
 from stadera.types import Array
 
@@ -164,7 +164,6 @@ class Instant:
     """State of a law at one instant, trunk axes."""
 
     forces: ContactForces  # of the feet
-    joint_position: Array  # (n,) [rad]
     up: Array  # (3,), the vertical
     com: Array  # (3,) [m], of the whole robot
     trunk: TrunkModel  # the estimate
@@ -200,7 +199,7 @@ class RecursiveCom(StaticEstimator):
         self.settings = settings or LawSettings()
         super().__init__(robot, start, forces, self.settings.still)
         self.phase = Phase.PLANE
-        self._errors = ConstantErrors.of(self.forces.noise, self.settings.orientation_std)
+        self._errors = ConstantErrors.of(robot, self.forces.noise, self.settings.orientation_std)
         self._settled = Settled()
         self._mass_settled = Settled(self.settings.mass_settled * robot.mass)
         self._known: Array | None = None
@@ -211,7 +210,7 @@ class RecursiveCom(StaticEstimator):
 
     @property
     def _leg_mass(self) -> float:
-        return self.forces.legs.mass
+        return self.forces.leg_mass
 
     def _robot_com(self, leg_moment: Array) -> Array:
         """Estimate of the whole robot's centre of mass, trunk frame (3,) [m]."""
@@ -221,7 +220,7 @@ class RecursiveCom(StaticEstimator):
     def _weighed(self, forces: ContactForces, up: Array, step: float) -> tuple[float, bool]:
         """The trunk's mass [kg] after this step (eq. 7), and whether it has settled."""
         robot_mass = self._trunk.mass + self._leg_mass
-        change = float(up @ forces.total_force) / GRAVITY - robot_mass
+        change = float(up @ forces.wrench[:3]) / GRAVITY - robot_mass
         self._mass_settled.take(np.array([change]), step)
         return robot_mass + step * change - self._leg_mass, self._mass_settled.reached
 
@@ -251,7 +250,7 @@ class RecursiveCom(StaticEstimator):
     def _looked_at(self, m: Measurement, forces: ContactForces, com: Array) -> None:
         """Stores an instant at intervals, at which the covariance is computed on demand."""
         if m.time - self._seen_at >= self.settings.stale:
-            self._seen_from, self._seen_at = Instant(forces, m.joint_position, m.up, com, self._trunk), m.time
+            self._seen_from, self._seen_at = Instant(forces, m.up, com, self._trunk), m.time
             self._known = None
 
     # -- covariance -----------------------------------------------------------------------------------------------
@@ -293,10 +292,8 @@ class RecursiveCom(StaticEstimator):
         return np.asarray(felt @ self._errors.covariance @ felt.T + white)
 
     def _felt(self, instant: Instant) -> Array:
-        """Errors (4, 39) of mass and centre of mass per unit of the constant errors."""
-        by_legs = leg_mass_slope(instant.forces, self.robot, instant.joint_position, instant.up)
-        slope = np.hstack([instant.forces.wrench_slope, np.zeros((6, 3)), by_legs])
-        return np.asarray(instant.from_wrench @ slope)
+        """Errors (4, k) of mass and centre of mass per unit of the constant errors."""
+        return np.asarray(instant.from_wrench @ error_slope(instant.forces, self.robot, instant.up))
 
     def _white(self, instant: Instant) -> Array:
         """Covariance (4, 4) due to the torques' white noise; steps β leave β / (2 - β) of its variance."""

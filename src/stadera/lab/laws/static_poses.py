@@ -14,12 +14,13 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from stadera.body.statics import foot_jacobians, foot_positions, nominal_feet
 from stadera.constants import GRAVITY
 from stadera.errors import ModelError, require_positive
 from stadera.inertia import skew
+from stadera.lab.control.legs import MeasuredLegs, foot_jacobians
+from stadera.robot.kinematics import foot_positions
 from stadera.robot.model import Robot
-from stadera.robot.stance import standing_configuration
+from stadera.robot.stance import nominal_feet, standing_configuration
 from stadera.trunk.measurement import Measurement
 from stadera.trunk.model import TrunkBounds, TrunkModel
 from stadera.trunk.standing.equilibrium import ConstantErrors
@@ -82,8 +83,8 @@ def static_poses(
     wanted.append(PoseOffset(turn=tilt * z))
     if not 1 <= count <= len(wanted):
         raise ModelError(f"there are 1 to {len(wanted)} static poses to choose from, got {count}")
-    source = ContactForceEstimator(robot)
-    return tuple(_within_reach(source, pose) for pose in wanted[:count])
+    legs = MeasuredLegs(robot)
+    return tuple(_within_reach(legs, pose) for pose in wanted[:count])
 
 
 def expected_covariance(
@@ -108,9 +109,10 @@ def expected_covariance(
         ModelError: a pose is out of the legs' reach.
     """
     forces = forces or ContactForceEstimator(robot)
-    known = plausible(TrunkModel.prior(robot), TrunkBounds.of(robot))
+    known = plausible(robot, TrunkModel.prior(robot), TrunkBounds.of(robot))
+    legs = MeasuredLegs(robot)
     for pose in poses:
-        measurement = standing_still(robot, pose, forces)
+        measurement = standing_still(robot, pose, legs)
         if measurement is None:
             raise ModelError(f"robot {robot.name}: pose {pose.shift} m, {pose.turn} rad is out of reach")
         mean = PoseMean(measurement)
@@ -120,7 +122,7 @@ def expected_covariance(
 
 
 def standing_still(
-    robot: Robot, pose: PoseOffset, forces: ContactForceEstimator | None = None, reach: Reach | None = None
+    robot: Robot, pose: PoseOffset, legs: MeasuredLegs | None = None, reach: Reach | None = None
 ) -> Measurement | None:
     """Measurement of ideal sensors when the robot holds a pose on level ground; None if it cannot.
 
@@ -128,10 +130,10 @@ def standing_still(
 
     Args:
         pose: relative to the nominal stance.
-        forces: None for a new one.
+        legs: None for a new one.
         reach: requirements on the legs; None for the defaults.
     """
-    source, reach = forces or ContactForceEstimator(robot), reach or Reach()
+    source, reach = legs or MeasuredLegs(robot), reach or Reach()
     q0 = standing_configuration(robot)
     rotation = Rotation.from_rotvec(pose.turn).as_matrix()
     feet = (foot_positions(robot, q0[None])[0] - pose.shift) @ rotation
@@ -140,7 +142,7 @@ def standing_still(
         return None
     up, n = rotation[2], len(q)
     still = Measurement(0.0, q, np.zeros(n), np.zeros(n), np.zeros(3), GRAVITY * up, rotation)
-    state = source.legs.at(still)
+    state = source.measured(still)
     contact = feet - np.array([[leg.foot_radius] for leg in robot.legs]) * up
     grasp = np.vstack([np.hstack([np.eye(3)] * len(contact)), np.hstack([skew(p) for p in contact])])
     trunk = TrunkModel.prior(robot)
@@ -148,7 +150,7 @@ def standing_still(
     force = (np.linalg.pinv(grasp) @ pull).reshape(-1, 3)
     torque = state.bias - np.einsum("lij,li->lj", state.jacobians(contact), force)
     effort = np.array([robot.dynamics[joint].offset for joint in robot.tree.joints])
-    effort[source.legs.columns] += torque
+    effort[source.columns] += torque
     most = np.array([robot.limits[joint].effort for joint in robot.tree.joints])
     loaded = bool((force @ up).min() > reach.least_load * robot.mass * GRAVITY)
     if not loaded or bool((np.abs(effort) > reach.torque * most).any()):
@@ -156,18 +158,18 @@ def standing_still(
     return Measurement(0.0, q, np.zeros(n), effort, np.zeros(3), GRAVITY * up, rotation)
 
 
-def _within_reach(source: ContactForceEstimator, pose: PoseOffset) -> PoseOffset:
-    share, robot, reach = 1.0, source.robot, Reach()
-    while standing_still(robot, pose.scaled(share), source, reach) is None:
+def _within_reach(legs: MeasuredLegs, pose: PoseOffset) -> PoseOffset:
+    share, robot, reach = 1.0, legs.robot, Reach()
+    while standing_still(robot, pose.scaled(share), legs, reach) is None:
         share *= reach.shrunk
         if share < reach.least_size:
             raise ModelError(f"robot {robot.name}: no pose near {pose.shift} m, {pose.turn} rad is within reach")
     return pose.scaled(share)
 
 
-def _reached(source: ContactForceEstimator, feet: Array, start: Array, reach: Reach) -> Array | None:
+def _reached(legs: MeasuredLegs, feet: Array, start: Array, reach: Reach) -> Array | None:
     """Joint angles (n,) that bring the feet (4, 3) to these positions, within the limits; None if there are none."""
-    robot, columns = source.robot, source.legs.columns
+    robot, columns = legs.robot, legs.columns
     low = np.array([robot.limits[joint].lower for joint in robot.tree.joints])
     high = np.array([robot.limits[joint].upper for joint in robot.tree.joints])
     q = start.copy()

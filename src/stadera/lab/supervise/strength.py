@@ -16,11 +16,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from stadera.constants import GRAVITY
+from stadera.lab.control.legs import MeasuredLegs
 from stadera.robot.model import Robot
 from stadera.robot.stance import standing_configuration
 from stadera.trunk.measurement import Measurement
 from stadera.trunk.model import TrunkModel
-from stadera.trunk.standing.forces import MeasuredLegs
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ def hardest_effort(robot: Robot, trunk: TrunkModel) -> Effort:
     """The joint closest to its torque limit when the robot stands on any three legs with this trunk."""
     legs, q = MeasuredLegs(robot), standing_configuration(robot)
     up, zero = np.array([0.0, 0.0, 1.0]), np.zeros(len(q))
-    state = legs.at(Measurement(0.0, q, zero, zero, np.zeros(3), GRAVITY * up, np.eye(3)))
+    state = legs.measured(Measurement(0.0, q, zero, zero, np.zeros(3), GRAVITY * up, np.eye(3)))
     contact = state.feet - np.array([[leg.foot_radius] for leg in robot.legs]) * up
     lifting = state.jacobians(contact)[:, 2, :]  # decrease in torques per unit of vertical force
     efforts = []
@@ -49,7 +49,7 @@ def hardest_effort(robot: Robot, trunk: TrunkModel) -> Effort:
         standing = [k for k in range(len(robot.legs)) if k != swing]
         triangle = contact[standing, :2]
         opposite = np.linalg.norm(np.roll(triangle, -1, axis=0) - np.roll(triangle, 1, axis=0), axis=1)
-        forces = (trunk.mass + legs.mass) * GRAVITY * opposite / opposite.sum()
+        forces = (trunk.mass + legs.leg_mass) * GRAVITY * opposite / opposite.sum()
         for k, force in zip(standing, forces, strict=True):
             torques = np.abs(state.bias[k] - force * lifting[k]).tolist()
             efforts += [

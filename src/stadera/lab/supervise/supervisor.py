@@ -17,6 +17,8 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Protocol, runtime_checkable
 
+import numpy as np
+
 from stadera.constants import ROUNDING
 from stadera.errors import StaderaError, require_positive
 from stadera.lab.supervise.strength import hardest_effort
@@ -29,7 +31,6 @@ from stadera.trunk.model import TrunkModel
 from stadera.trunk.protocol import Status, TrunkEstimate
 from stadera.trunk.settings import TrunkSettings
 from stadera.trunk.standing.forces import ContactForceEstimator
-from stadera.trunk.standing.poses import payload_of_difference
 from stadera.trunk.trusted import TrustedEstimator, TrustLimits
 
 
@@ -329,7 +330,7 @@ class StoppingSupervisor(Supervisor):
         elif not self.walker.update_trunk(trunk):
             self._stand("controller and planner refused the new trunk, both keep the last one")
         else:
-            self.trunk, self._payload = trunk, payload_of_difference(self._tare, found)
+            self.trunk, self._payload = trunk, _payload_of_difference(self._tare, found)
 
     def _give_up(self, reason: str) -> None:
         self._weighing = None
@@ -339,3 +340,16 @@ class StoppingSupervisor(Supervisor):
 def _sentence(change: LoadChange) -> str:
     ago = change.noticed - change.time
     return f"the load has changed by {change.mass:+.1f} ± {change.mass_std:.1f} kg, {ago:.2f} s ago by the rows since"
+
+
+def _payload_of_difference(tare: TrunkModel, loaded: TrunkEstimate) -> Payload:
+    """Payload as the difference from a tare that is taken as exact, in mass and first moment; components of the centre
+    of mass that were not observed in `loaded` are not observed in the payload.
+    """
+    m, c = loaded.trunk.mass, loaded.trunk.com_trunk
+    moments = np.array([m - tare.mass, *(m * c - tare.mass * tare.com_trunk)])
+    hidden = ~loaded.observed
+    known = np.where(hidden[:, None] | hidden, 0.0, loaded.covariance)
+    slope = np.eye(4)  # derivative of mass and first moment with respect to mass and centre of mass
+    slope[1:, 0], slope[1:, 1:] = c, m * np.eye(3)
+    return Payload.of_moments(moments, slope @ known @ slope.T, np.where(hidden[1:], 0.0, np.inf))

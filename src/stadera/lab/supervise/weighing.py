@@ -49,8 +49,8 @@ class CorrectedForces:
     def of(cls, forces: ContactForceEstimator, drives: Drives) -> CorrectedForces:
         """Corrected by the offsets of estimated drives."""
         at = list(TERMS).index("offset")
-        noise = replace(forces.noise, torque_constant=drives.std[:, at].reshape(-1, 3))
-        known = ContactForceEstimator(forces.robot, noise, jacobian=forces.jacobian)
+        noise = replace(forces.noise, torque_constant=drives.std[:, at])
+        known = ContactForceEstimator(forces.robot, noise)
         return cls(known, (drives.value - drives.model)[:, at])
 
     @classmethod
@@ -61,7 +61,7 @@ class CorrectedForces:
     def measurement(self, m: Measurement) -> Measurement:
         """The measurement minus the offsets."""
         effort = m.effort.copy()
-        effort[self.forces.legs.columns.ravel()] -= self.offsets
+        effort[self.forces.body.in_legs] -= self.offsets
         return replace(m, effort=effort)
 
 

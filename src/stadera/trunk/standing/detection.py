@@ -37,11 +37,10 @@ from stadera.robot.model import Robot
 from stadera.trunk.measurement import Measurement
 from stadera.trunk.model import ImplausibleError, TrunkBounds, TrunkModel
 from stadera.trunk.protocol import Status, StepEstimator, TrunkEstimate
-from stadera.trunk.standing.forces import ContactForceEstimator, ContactForces, MeasuredLegs
+from stadera.trunk.standing.forces import ContactForceEstimator, ContactForces
 from stadera.types import Array, Bools
 
 _CHANNELS = ("joint_position", "joint_velocity", "effort", "angular_velocity", "specific_force")
-_FIRST, _SECOND = np.array([0, 0, 0, 1, 1, 2]), np.array([1, 2, 3, 2, 3, 3])  # the pairs of feet
 
 
 @dataclass(frozen=True)
@@ -54,7 +53,7 @@ class StaticLimits:
         specific_force: difference of its magnitude from gravity, and its component across the vertical [m/s²].
         effort: share of a joint's limit from which its torque counts as saturated.
         slip: change of the distance between two feet in stance since the robot stood still [m].
-        feet: least number of loaded feet.
+        feet: least number of loaded feet; a flat foot holds the trunk alone and counts as three.
         smoothing: time constant of the low-pass [s]; for joint velocities the least one, `quiet` being the largest.
         quiet: time for which all conditions must have held [s].
         vertical_time: T [s], time constant with which the vertical follows the specific force; a trunk sways faster.
@@ -118,14 +117,15 @@ class StaticDetector:
     """Checks every sample for static equilibrium.
 
     Args:
-        legs: of the robot.
+        robot: the model of the legs.
         limits: None for the defaults.
     """
 
-    def __init__(self, legs: MeasuredLegs, limits: StaticLimits | None = None) -> None:
-        self.legs, self.limits = legs, limits or StaticLimits()
-        robot = legs.robot
+    def __init__(self, robot: Robot, limits: StaticLimits | None = None) -> None:
+        self.limits = limits or StaticLimits()
         self._joints = robot.tree.joints
+        self._holds = np.array([1 if leg.contact == 3 else 3 for leg in robot.legs])
+        self._pairs = np.triu_indices(len(robot.legs), 1)
         self._feet = tuple(leg.name for leg in robot.legs)
         most = np.array([robot.limits[joint].effort for joint in self._joints])
         self._effort = self.limits.effort * most
@@ -136,8 +136,8 @@ class StaticDetector:
         self._time = self._looked = np.nan
         self._well_since = np.inf
         self._reason = "the robot has not been seen at rest yet"
-        self._distances = np.zeros(6)
-        self._stance = np.zeros(4, dtype=bool)
+        self._distances = np.zeros(len(self._pairs[0]))
+        self._stance = np.zeros(len(robot.legs), dtype=bool)
 
     def complaint(self, measurement: Measurement, forces: ContactForces) -> str:
         """Reason why this measurement is not in static equilibrium, in one sentence; empty if it is."""
@@ -193,9 +193,8 @@ class StaticDetector:
 
     def _fault(self, m: Measurement, forces: ContactForces) -> str:
         limits, n = self.limits, len(self._joints)
-        stance = forces.stance.tolist()
-        if sum(stance) < limits.feet:
-            carrying = [foot for foot, stands in zip(self._feet, stance, strict=True) if stands]
+        if self._holds[forces.stance].sum() < limits.feet:
+            carrying = [foot for foot, stands in zip(self._feet, forces.stance, strict=True) if stands]
             return f"only {len(carrying)} feet carry ({', '.join(carrying) or 'none'}), {limits.feet} are needed"
         loads = np.abs(m.effort) / self._effort
         if loads.max() >= 1.0:
@@ -232,16 +231,16 @@ class StaticDetector:
         if m.time - self._looked < self.limits.slip_every and self._well_since < np.inf:
             return ""
         self._looked = m.time
-        between = self.legs.at(m).feet
-        lines = between[_FIRST] - between[_SECOND]
+        first, second = self._pairs
+        lines = forces.feet[first] - forces.feet[second]
         distances = np.sqrt((lines * lines).sum(axis=1))
         if self._well_since == np.inf or not np.array_equal(forces.stance, self._stance):
             self._distances, self._stance = distances, forces.stance
             return ""
-        change = np.abs(distances - self._distances) * (self._stance[_FIRST] & self._stance[_SECOND])
-        if change.max() <= self.limits.slip:
+        change = np.abs(distances - self._distances) * (self._stance[first] & self._stance[second])
+        if change.max(initial=0.0) <= self.limits.slip:
             return ""
-        by_foot = [change[(foot == _FIRST) | (foot == _SECOND)].sum() for foot in range(4)]
+        by_foot = [change[(foot == first) | (foot == second)].sum() for foot in range(len(self._feet))]
         return f"foot {self._feet[int(np.argmax(by_foot))]} slipped by {100 * change.max():.1f} cm"
 
 
@@ -300,7 +299,7 @@ class StaticEstimator(StepEstimator):
     ) -> None:
         self.robot, self.forces = robot, forces or ContactForceEstimator(robot)
         self.bounds = TrunkBounds.of(robot)
-        self.gate = StaticDetector(self.forces.legs, limits)
+        self.gate = StaticDetector(robot, limits)
         self._trunk = self._start = self.bounds.check(start or TrunkModel.prior(robot))
         self._status, self._reason = Status.WAITING, ""
         self._learnt, self._seen, self._ran_away = np.nan, -np.inf, False

@@ -12,11 +12,8 @@ from the measurement:
 
     dF = -∂F/∂τ dt - ∂F/∂p dd,    dμ likewise,    du = u x dε      (torques enter exactly linearly, feet nearly)
 
-Link k, with mass m_k and centre of mass c_k, contributes J_kᵀ m_k g u to h; so its share changes
-
-    dF_k = J_c^-T J_kᵀ m_k g u,    d(m_l g u) = m_k g u,    d(h_l x g u) = c_k x m_k g u      (J_k: Jacobian of c_k)
-
-and the sum over all links, with du instead of u, is the effect of a wrong vertical on the forces.
+The effect of a link's share is that of its weight on these equations, by its joints and by itself
+(`standing.forces.Weights`), and the sum over all links, with du instead of u, is that of a wrong vertical.
 
 Without an IMU the vertical is itself estimated from the forces in each pose (`standing.forces`), so that its error is
 not constant but adds two unknowns to each pose. They are eliminated from the six equations: the whitened equations are
@@ -30,15 +27,15 @@ are unknown.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
-from stadera.body.statics import LegModel
 from stadera.constants import GRAVITY
 from stadera.errors import ModelError
-from stadera.inertia import skew, skews
+from stadera.inertia import skew
+from stadera.information import Unknowns
 from stadera.robot.model import Robot
 from stadera.trunk.error_model import ErrorModel
 from stadera.trunk.measurement import Measurement
@@ -46,34 +43,43 @@ from stadera.trunk.settings import ModelErrors
 from stadera.trunk.standing.forces import ContactForceEstimator, ContactForces, ForceNoise, vertical_by_forces
 from stadera.types import Array
 
-ERRORS = 39
-"""Number of constant errors: 12 torques and 12 of feet leg by leg, 3 of the vertical, 12 masses of links."""
+
+def constant_errors_of(robot: Robot) -> Unknowns:
+    """Names and places of a robot's constant errors: torques of J joints and positions of L feet, leg by leg, the
+    vertical, and the masses of the tree's links.
+    """
+    joints, legs = sum(len(leg.joints) for leg in robot.legs), len(robot.legs)
+    return Unknowns.of(torque=joints, foot=3 * legs, vertical=3, link_mass=len(robot.tree.joints))
 
 
 @dataclass(frozen=True, eq=False)
 class ConstantErrors:
-    """Prior of the constant errors, Gaussian with mean zero.
+    """Prior of a robot's k constant errors, Gaussian with mean zero.
 
     Attributes:
-        covariance: (39, 39), of torques [N·m], feet [m], vertical [rad] and links' masses (shares).
-        sticking: (12, 12) [N²·m²], part of the torques' covariance that is static friction. It is constant while the
+        places: names and places of the errors.
+        covariance: (k, k), of torques [N·m], feet [m], vertical [rad] and links' masses (shares).
+        sticking: (J, J) [N²·m²], part of the torques' covariance that is static friction. It is constant while the
             robot stands, and another one after a load has moved the joints: it does not cancel between two loads.
 
     Raises:
         ModelError: wrong shape, or not a covariance of positive variances.
     """
 
+    places: Unknowns
     covariance: Array
-    sticking: Array = field(default_factory=lambda: np.zeros((12, 12)))
+    sticking: Array
 
     def __post_init__(self) -> None:
-        C = np.array(self.covariance, dtype=float)
-        if C.shape != (ERRORS, ERRORS) or not np.isfinite(C).all() or np.linalg.eigvalsh(C).min() <= 0:
-            raise ModelError(f"constant errors need a positive definite covariance {(ERRORS, ERRORS)}")
+        C, k = np.array(self.covariance, dtype=float), len(self.places)
+        if C.shape != (k, k) or not np.isfinite(C).all() or np.linalg.eigvalsh(C).min() <= 0:
+            raise ModelError(f"constant errors need a positive definite covariance {(k, k)}")
         object.__setattr__(self, "covariance", C)
 
     @classmethod
-    def of(cls, noise: ForceNoise, orientation: float = np.deg2rad(0.2), common_torque: float = 0.0) -> ConstantErrors:
+    def of(
+        cls, robot: Robot, noise: ForceNoise, orientation: float = np.deg2rad(0.2), common_torque: float = 0.0
+    ) -> ConstantErrors:
         """Independent errors, except for a part of the torques that is common to all joints.
 
         Args:
@@ -81,18 +87,20 @@ class ConstantErrors:
             orientation: of each component of ε [rad].
             common_torque: standard deviation of an offset common to all joints [N·m].
         """
-        sizes = (np.full(12, noise.foot_position), np.full(3, orientation), np.full(12, noise.leg_mass))
-        std = np.concatenate([noise.torque_constant.ravel(), *sizes])
+        places = constant_errors_of(robot)
+        std, torque = np.empty(len(places)), places["torque"]
+        std[torque], std[places["foot"]] = noise.torque_constant, noise.foot_position
+        std[places["vertical"]], std[places["link_mass"]] = orientation, noise.leg_mass
         C = np.diag(np.maximum(std, 1e-9) ** 2)
-        C[:12, :12] += common_torque**2
-        return cls(C)
+        C[torque, torque] += common_torque**2
+        return cls(places, C, np.zeros_like(C[torque, torque]))
 
     @classmethod
     def of_robot(cls, robot: Robot, sizes: ModelErrors | None = None) -> ConstantErrors:
         """Of a real robot, with the sizes that weighing in motion assumes too (`trunk.error_model`): torques are off by
         their offsets and by static friction, which holds up to a joint's Coulomb friction and its friction under load.
         """
-        model = ErrorModel(robot, sizes or ModelErrors(), robot.leg_length)
+        model, places = ErrorModel(robot, sizes or ModelErrors(), robot.leg_length), constant_errors_of(robot)
         std = {name: np.sqrt(model.variance[place]) for name, place in model.layout.places.items()}
         tilt = float(np.hypot(std["imu_rotation"].max(), std["accelerometer"].max() / GRAVITY))
         C = np.diag(np.concatenate([std["offset"], std["contact"], np.full(3, tilt), std["link_mass"]]) ** 2)
@@ -100,74 +108,64 @@ class ConstantErrors:
         held = np.sqrt(np.diag(unloaded))
         more = np.hypot(held, model.held * model.by_load) / np.maximum(held, 1e-12)
         sticking = unloaded * more * more[:, None]
-        C[:12, :12] += sticking
-        return cls(C, sticking)
+        C[places["torque"], places["torque"]] += sticking
+        return cls(places, C, sticking)
 
     def scaled(self, lasting: float, sticking: float) -> ConstantErrors:
         """The same with the standard deviations of what lasts and of static friction multiplied."""
-        held = sticking**2 * self.sticking
+        held, torque = sticking**2 * self.sticking, self.places["torque"]
         covariance = lasting**2 * self.lasting
-        covariance[:12, :12] += held
-        return ConstantErrors(covariance, held)
+        covariance[torque, torque] += held
+        return ConstantErrors(self.places, covariance, held)
 
     @property
     def lasting(self) -> Array:
-        """(39, 39), covariance of what is the same under every load."""
-        out = self.covariance.copy()
-        out[:12, :12] -= self.sticking
+        """(k, k), covariance of what is the same under every load."""
+        out, torque = self.covariance.copy(), self.places["torque"]
+        out[torque, torque] -= self.sticking
         return out
 
     @cached_property
     def root(self) -> Array:
-        """L (39, 39) with L Lᵀ the covariance."""
+        """L (k, k) with L Lᵀ the covariance."""
         return np.asarray(np.linalg.cholesky(self.covariance))
 
 
-def leg_mass_slope(forces: ContactForces, robot: Robot, joint_position: Array, up: Array) -> Array:
-    """Derivative (6, 12) of (F - m_l g u, μ - h_l x g u), at rest, with respect to the links' masses, as shares."""
-    return np.asarray(link_weights(forces, robot, joint_position) @ up)
+def error_slope(forces: ContactForces, robot: Robot, up: Array) -> Array:
+    """Derivative (6, k) of (F - m_l g u, μ - h_l x g u), at rest, with respect to the constant errors; the vertical's,
+    which depends on the trunk, is zero (`vertical_slope`).
+    """
+    links = forces.weights.links[:, : len(robot.tree.joints)] @ (GRAVITY * up)
+    return np.hstack([forces.wrench_slope, np.zeros((6, 3)), links])
 
 
-def link_weights(forces: ContactForces, robot: Robot, joint_position: Array) -> Array:
-    """Contribution (6, 12, 3) of each leg link to (F - m_l g u, μ - h_l x g u), at rest, linear in u."""
-    model = LegModel.of(robot)
-    pose = model.pose(joint_position[None, model.columns])
-    axes, origins, coms = (x[:, 0].transpose(1, 2, 0) for x in (pose.axis, pose.joints, model.centres(pose)))
-    weights = GRAVITY * model.link_mass
-    arms = coms[:, :, None] - origins[:, None]  # (leg, link, joint, 3)
-    bears = np.cross(axes[:, None], arms) * np.tri(3)[:, :, None]  # the links before a joint do not load it
-    felt = forces.torque_to_force * forces.stance[:, None, None]
-    force = -weights[..., None, None] * (felt[:, None] @ bears)
-    own = weights[..., None, None]
-    moment = skews(forces.contact)[:, None] @ force - own * skews(coms)
-    slope = np.concatenate([force - own * np.eye(3), moment], axis=-2)  # (leg, link, 6, 3)
-    return np.asarray(slope.reshape(12, 6, 3).swapaxes(0, 1))
-
-
-def vertical_slope(links: Array, trunk: Array, up: Array) -> Array:
+def vertical_slope(forces: ContactForces, trunk: Array, up: Array) -> Array:
     """Derivative (6, 3) of (F - (m + m_l) g u, μ - (h + h_l) x g u) with respect to ε, u = u_measured + u x ε.
 
     Args:
-        links: `link_weights`.
         trunk: (4,), m [kg] and h [kg·m].
         up: u_measured, (3,).
     """
-    by_up = links.sum(axis=1)
-    by_up[:3] -= GRAVITY * trunk[0] * np.eye(3)
-    by_up[3:] -= GRAVITY * skew(trunk[1:])
-    return np.asarray(by_up @ skew(up))
+    return np.asarray(GRAVITY * _by_specific_force(forces, trunk) @ skew(up))
 
 
-def weight_felt(forces: ContactForces, robot: Robot, joint_position: Array, up: Array) -> Array:
-    """Errors (4, 39) of the trunk's mass [kg] and of a vertical taken from the forces, due to constant errors.
+def _by_specific_force(forces: ContactForces, trunk: Array) -> Array:
+    """Derivative (6, 3) of the equations by the trunk's specific force, with its mass and first moment (4,)."""
+    lumped, own = forces.body.lumped[:4], np.empty((6, 3))
+    mass, moment = trunk[0] - lumped[0], trunk[1:] - lumped[1:]
+    own[:3], own[3:] = mass * np.eye(3), skew(moment)
+    return np.asarray(forces.weights.links.sum(axis=1) - own)
+
+
+def weight_felt(forces: ContactForces, robot: Robot, up: Array) -> Array:
+    """Errors (4, k) of the trunk's mass [kg] and of a vertical taken from the forces, due to constant errors.
 
     From the differential of F - (m + m_l) g u = 0, three equations, with respect to m and to u across itself.
     """
-    links = link_weights(forces, robot, joint_position)
-    by_error = np.hstack([forces.wrench_slope[:3], np.zeros((3, 3)), links[:3] @ up])
-    mass = float(up @ forces.total_force) / GRAVITY - robot.mass + robot.inertias[robot.trunk].mass
+    by_error = error_slope(forces, robot, up)[:3]
+    mass = float(up @ forces.wrench[:3]) / GRAVITY - robot.mass + robot.inertias[robot.trunk].mass
     across = _across(up)
-    by_up = links[:3].sum(axis=1) - GRAVITY * mass * np.eye(3)
+    by_up = GRAVITY * _by_specific_force(forces, np.array([mass, 0.0, 0.0, 0.0]))[:3]
     felt = np.linalg.solve(np.column_stack([GRAVITY * up, -by_up @ across]), by_error)
     return np.vstack([felt[:1], across @ felt[1:]])
 
@@ -181,59 +179,54 @@ def equilibrium_rows(
     effort_covariance: Array | None = None,
     fewest: int = 30,
 ) -> tuple[Array, Array]:
-    """Whitened rows (n, 43) of one pose, in the trunk's m and h and the constant errors, and their right side (n,).
+    """Whitened rows (r, 4 + k) of one pose, in the trunk's m and h and the constant errors, and their right side (r,).
 
     Args:
         forces_of: estimator of contact forces, with the noise that weights the rows.
         measurement: the pose's mean.
         count: number of samples in the mean.
-        errors: (39,), values at which the equations are linearised.
+        errors: (k,), values at which the equations are linearised.
         foot_variance: of each component of the feet's mean positions, if these are measured separately [m²].
         effort_covariance: (n, n), of the mean efforts from their scatter [N²·m²]. It is used where it makes the
             wrench's covariance larger than the noise does (worse sensors than assumed, a controller that shakes the
             robot).
         fewest: number of samples needed to estimate a covariance from their scatter.
     """
-    m, up = _without(measurement, errors, forces_of)
-    forces, state = forces_of.at(m), forces_of.legs.at(m)
-    meant = np.ones(4, dtype=bool) if m.stance is None else m.stance
+    robot, places = forces_of.robot, constant_errors_of(forces_of.robot)
+    m, up = _without(measurement, errors, forces_of, places)
+    forces = forces_of.at(m)
+    meant = np.ones(len(robot.legs), dtype=bool) if m.stance is None else m.stance
     felt = np.isfinite(forces.force).all(axis=1)
     forces = replace(forces, stance=meant & felt)
-    swing = np.flatnonzero(~meant & felt).tolist()
-    slope = forces.wrench_slope
-    matrix = np.zeros((6 + 3 * len(swing), 4 + ERRORS))
+    body, torque = forces.body, places["torque"]
+    swing = np.flatnonzero((~meant & felt)[body.leg_of[body.in_legs]])  # joints of legs in the air
+    matrix, value = np.zeros((6 + len(swing), 4 + len(places))), np.empty(6 + len(swing))
+    by_error = matrix[:, 4:]
     matrix[:3, 0] = -GRAVITY * up
     matrix[3:6, 1:4] = GRAVITY * skew(up)
-    matrix[:6, 4:28] = -slope
-    trunk = _estimated_trunk(forces, state.moment, forces_of.legs.mass, up)
-    links = link_weights(forces, forces_of.robot, m.joint_position)
-    matrix[:6, 31:] = -links @ up
-    matrix[:6, 28:31] = vertical_slope(links, trunk, up)
-    legs_only = np.concatenate([forces_of.legs.mass * up, np.cross(state.moment, up)]) * GRAVITY
-    value = np.zeros(len(matrix))
-    value[:6] = forces.wrench - legs_only
-    white = (forces.noise.torque_white**2 / count).ravel()
-    covariance = np.eye(len(matrix)) * (forces.noise.repeatable * forces_of.robot.mass * GRAVITY) ** 2
-    covariance[:6, :6] += (slope[:, :12] * white) @ slope[:, :12].T
+    by_error[:6] = -error_slope(forces, robot, up)
+    by_error[:6, places["vertical"]] = vertical_slope(forces, _estimated_trunk(forces, up), up)
+    by_error[np.arange(6, len(matrix)), torque.start + swing] = 1.0
+    value[:6] = forces.wrench - forces.weights.own @ (GRAVITY * up)
+    value[6:] = forces.left[swing]
+    white, slope = forces.noise.torque_white**2 / count, forces.wrench_slope
+    covariance = np.eye(len(matrix)) * (forces.noise.repeatable * robot.mass * GRAVITY) ** 2
+    covariance[:6, :6] += (slope[:, torque] * white) @ slope[:, torque].T
     if effort_covariance is not None and count >= fewest:
-        joints = forces_of.legs.columns.ravel()
-        scatter = slope[:, :12] @ effort_covariance[np.ix_(joints, joints)] @ slope[:, :12].T
+        scatter = slope[:, torque] @ effort_covariance[np.ix_(body.in_legs, body.in_legs)] @ slope[:, torque].T
         covariance[:6, :6] = _at_least(covariance[:6, :6], scatter)
-    covariance[:6, :6] += foot_variance * slope[:, 12:] @ slope[:, 12:].T
-    for k, leg in enumerate(swing):
-        at, own = slice(6 + 3 * k, 9 + 3 * k), slice(3 * leg, 3 * leg + 3)
-        value[at] = forces.jacobian[leg].T @ forces.force[leg]
-        matrix[at, 4:16][:, own] = np.eye(3)
-        covariance[at, at] += np.diag(white[own])
+    covariance[:6, :6] += foot_variance * slope[:, places["foot"]] @ slope[:, places["foot"]].T
+    covariance[6:, 6:] += np.diag(white[swing])
     root = np.linalg.cholesky(covariance)
     linear_at = errors.copy()
-    linear_at[27:] = 0.0  # links' masses are not subtracted from the measurement: their equations are linear
-    target = matrix[:, 4:] @ linear_at - value
+    linear_at[places["link_mass"]] = 0.0  # not subtracted from the measurement: the equations are linear in them
+    target = by_error @ linear_at - value
     matrix, target = np.linalg.solve(root, matrix), np.linalg.solve(root, target)
     if m.vertical_by_forces:  # projected onto the complement of the vertical's two columns
-        rest = np.linalg.qr(matrix[:, 28:31] @ _across(up), mode="complete")[0][:, 2:].T
+        tilt = matrix[:, 4:][:, places["vertical"]] @ _across(up)
+        rest = np.linalg.qr(tilt, mode="complete")[0][:, 2:].T
         matrix, target = rest @ matrix, rest @ target
-        matrix[:, 28:31] = 0.0
+        matrix[:, 4:][:, places["vertical"]] = 0.0
     return matrix, target
 
 
@@ -251,11 +244,12 @@ def _at_least(explained: Array, scatter: Array) -> Array:
     return np.asarray((wide * np.maximum(sizes, 1.0)) @ wide.T)
 
 
-def _without(m: Measurement, errors: Array, forces_of: ContactForceEstimator) -> tuple[Measurement, Array]:
+def _without(
+    m: Measurement, errors: Array, forces_of: ContactForceEstimator, places: Unknowns
+) -> tuple[Measurement, Array]:
     """The measurement at rest after subtracting these errors, and its vertical."""
-    torque, foot, turn = np.zeros(len(m.effort)), errors[12:24].reshape(4, 3), errors[24:27]
-    torque[forces_of.legs.columns] = errors[:12].reshape(4, 3)
-    effort = m.effort - torque
+    effort, foot, turn = m.effort.copy(), errors[places["foot"]].reshape(-1, 3), errors[places["vertical"]]
+    effort[forces_of.body.in_legs] -= errors[places["torque"]]
     up = m.up - np.cross(turn, m.up)
     if m.vertical_by_forces:
         still, stance = np.zeros_like(m.effort)[None], None if m.stance is None else m.stance[None]
@@ -263,7 +257,7 @@ def _without(m: Measurement, errors: Array, forces_of: ContactForceEstimator) ->
     up /= np.linalg.norm(up)
     feet = m.foot_position
     if foot.any():
-        feet = (forces_of.legs.at(m).feet if feet is None else feet) - foot
+        feet = (forces_of.at(m).feet if feet is None else feet) - foot
     corrected = replace(
         m,
         joint_velocity=np.zeros_like(m.joint_velocity),
@@ -276,21 +270,19 @@ def _without(m: Measurement, errors: Array, forces_of: ContactForceEstimator) ->
     return corrected, up
 
 
-def _estimated_trunk(forces: ContactForces, leg_moment: Array, leg_mass: float, up: Array) -> Array:
+def _estimated_trunk(forces: ContactForces, up: Array) -> Array:
     """Mass and first moment (4,) of the trunk from this pose alone, zero along the vertical; used for derivatives."""
-    mass = float(up @ forces.total_force) / GRAVITY
-    moment = np.cross(up, forces.moment) / GRAVITY
-    return np.array([mass - leg_mass, *(moment - leg_moment)])
+    weights, (force, moment) = forces.weights, np.split(forces.wrench, 2)
+    mass = float(up @ force) / GRAVITY - weights.own[0, 0]
+    return np.array([mass, *(np.cross(up, moment) / GRAVITY - weights.moment)])
 
 
 def felt_by_mass(forces: ContactForces, measurement: Measurement, robot: Robot) -> Array:
-    """Error (39,) of the trunk's mass [kg] per unit of the constant errors; that of the vertical has no effect.
+    """Error (k,) of the trunk's mass [kg] per unit of the constant errors; that of the vertical has no effect.
 
     If the vertical is computed from the forces, the errors tilt it as well.
     """
     up = measurement.up
     if measurement.vertical_by_forces:
-        return np.asarray(weight_felt(forces, robot, measurement.joint_position, up)[0])
-    by_legs = leg_mass_slope(forces, robot, measurement.joint_position, up)[:3]
-    slope = np.hstack([forces.wrench_slope[:3], np.zeros((3, 3)), by_legs])
-    return np.asarray(up @ slope / GRAVITY)
+        return np.asarray(weight_felt(forces, robot, up)[0])
+    return np.asarray(up @ error_slope(forces, robot, up)[:3] / GRAVITY)

@@ -39,13 +39,9 @@ from stadera.trunk.measurement import Measurement
 from stadera.trunk.model import TrunkBounds, TrunkModel
 from stadera.trunk.protocol import TrunkEstimate, unobserved
 from stadera.trunk.standing.detection import StaticEstimator, StaticLimits
-from stadera.trunk.standing.equilibrium import ERRORS, ConstantErrors, equilibrium_rows
+from stadera.trunk.standing.equilibrium import ConstantErrors, constant_errors_of, equilibrium_rows
 from stadera.trunk.standing.forces import ContactForceEstimator, ContactForces, ForceNoise
 from stadera.types import Array
-
-TRUNK_ALONE = Unknowns.of(trunk=4, errors=ERRORS)
-WITH_PAYLOAD = Unknowns.of(trunk=4, payload=4, errors=ERRORS, held=12, held_loaded=12)
-"""`held` and `held_loaded` are the torques of static friction without and with the payload."""
 
 SETTLED = StaticLimits(joint_velocity=0.02, quiet=0.5)
 """Limits for a robot at rest for so long that the trunk's residual sway is negligible."""
@@ -113,7 +109,8 @@ class PoseMean:
     @property
     def foot_variance(self) -> float:
         """Variance of each component of the feet's mean positions [m²] from their scatter; 0 if not measured."""
-        return self._foot_squares / (12 * max(self.count - 1, 1) * self.count)
+        values = 1 if self._feet is None else self._feet.size
+        return self._foot_squares / (values * max(self.count - 1, 1) * self.count)
 
     @property
     def measurement(self) -> Measurement:
@@ -139,8 +136,8 @@ def gather(poses: list[PoseMean], m: Measurement, alike: Alike, most: int) -> No
 
 
 def _meant(m: Measurement) -> list[bool]:
-    """Legs meant to be in stance."""
-    return [True] * 4 if m.stance is None else m.stance.tolist()
+    """Legs meant to be in stance; none are known, none are named."""
+    return [] if m.stance is None else m.stance.tolist()
 
 
 # -- the least-squares problem ---------------------------------------------------------------------------------------
@@ -157,13 +154,14 @@ def with_poses(
     """Adds the equations of some poses.
 
     Args:
-        known: on `TRUNK_ALONE` or `WITH_PAYLOAD`.
+        known: on trunk and errors, and with a payload on that and the torques of static friction without and with it,
+            `held` and `held_loaded`.
         forces: estimator of contact forces, with the noise that weights the rows.
-        errors: (39,), values of n at which the equations are linearised; None for zero.
+        errors: (k,), values of n at which the equations are linearised; None for zero.
         loaded: True if the trunk carries the payload in these poses.
     """
-    at = np.zeros(ERRORS) if errors is None else errors
-    held = "held_loaded" if loaded else "held"
+    places, held = constant_errors_of(forces.robot), "held_loaded" if loaded else "held"
+    at = np.zeros(len(places)) if errors is None else errors
     for pose in poses:
         rows, target = equilibrium_rows(
             forces, pose.measurement, pose.count, at, pose.foot_variance, pose.effort_covariance
@@ -173,16 +171,17 @@ def with_poses(
         if loaded:
             matrix[:, known["payload"]] = rows[:, :4]
         if held in known.names:
-            matrix[:, known[held]] = rows[:, 4:16]
+            matrix[:, known[held]] = rows[:, 4:][:, places["torque"]]
         known = known.add(matrix, target)
     return known
 
 
-def plausible(start: TrunkModel, bounds: TrunkBounds) -> Information:
+def plausible(robot: Robot, start: TrunkModel, bounds: TrunkBounds) -> Information:
     """The weak prior: mass and centre of mass around the start, as wide as uniform distributions over the plausible
     box.
     """
-    known = _with_box(Information.empty(TRUNK_ALONE), "trunk", bounds, start.mass, start.com_trunk)
+    empty = Information.empty(Unknowns.of(trunk=4, errors=len(constant_errors_of(robot))))
+    known = _with_box(empty, "trunk", bounds, start.mass, start.com_trunk)
     matrix = np.zeros((1, len(known)))
     matrix[0, known["trunk"].start] = 1.0 / bounds.spread[0]
     return known.add(matrix, np.array([start.mass / bounds.spread[0]]))
@@ -206,9 +205,10 @@ def with_errors(known: Information, errors: ConstantErrors, *, seek: bool) -> In
     """
     if not seek:
         return known.consider(errors.root, ("errors",))
-    matrix = np.zeros((ERRORS, len(known)))
+    count = len(errors.places)
+    matrix = np.zeros((count, len(known)))
     matrix[:, known["errors"]] = np.linalg.inv(errors.root)
-    return known.add(matrix, np.zeros(ERRORS))
+    return known.add(matrix, np.zeros(count))
 
 
 def centre_of(known: Information, body: str = "trunk") -> tuple[Array, Array]:
@@ -256,19 +256,6 @@ def payload_between(
     return Payload.of_moments(moments, covariance, observed * bounds.spread[1:])
 
 
-def payload_of_difference(tare: TrunkModel, loaded: TrunkEstimate) -> Payload:
-    """Payload as the difference from a tare that is taken as exact, in mass and first moment; components of the centre
-    of mass that were not observed in `loaded` are not observed in the payload.
-    """
-    m, c = loaded.trunk.mass, loaded.trunk.com_trunk
-    moments = np.array([m - tare.mass, *(m * c - tare.mass * tare.com_trunk)])
-    hidden = ~loaded.observed
-    known = np.where(hidden[:, None] | hidden, 0.0, loaded.covariance)
-    slope = np.eye(4)  # derivative of mass and first moment with respect to mass and centre of mass
-    slope[1:, 0], slope[1:, 1:] = c, m * np.eye(3)
-    return Payload.of_moments(moments, slope @ known @ slope.T, np.where(hidden[1:], 0.0, np.inf))
-
-
 def sized_by_poses(
     tare: Sequence[PoseMean],
     loaded: Sequence[PoseMean],
@@ -295,8 +282,9 @@ def sized_by_poses(
     before, after = ([max(p, key=lambda pose: pose.count)] if p else [] for p in (tare, loaded))
     known = _with_box(_gathered(before, after, forces), "payload", TrunkBounds.of(forces.robot), forces.robot.mass)
     left = known.marginal(("errors", "held", "held_loaded"))
-    lasting = left.R[:, :ERRORS] @ _root(errors.lasting)
-    held = left.R[:, ERRORS:] @ _root(block_diag(errors.sticking, errors.sticking))
+    k = len(errors.places)
+    lasting = left.R[:, :k] @ _root(errors.lasting)
+    held = left.R[:, k:] @ _root(block_diag(errors.sticking, errors.sticking))
     U, size, _ = np.linalg.svd(np.hstack([lasting, held]), full_matrices=False)
     U = U[:, size > 1e-6 * size[0]]
     z, M, N = U.T @ left.z, *(U.T @ x @ x.T @ U for x in (lasting, held))
@@ -313,9 +301,11 @@ def sized_by_poses(
 
 
 def _gathered(tare: Sequence[PoseMean], loaded: Sequence[PoseMean], forces: ContactForceEstimator) -> Information:
-    """The poses of both sides, on `WITH_PAYLOAD`."""
-    trunk, bounds = forces.robot.inertias[forces.robot.trunk], TrunkBounds.of(forces.robot)
-    known = _with_box(Information.empty(WITH_PAYLOAD), "trunk", bounds, trunk.mass)
+    """The poses of both sides, on the trunk, the payload and the errors."""
+    robot, places, joints = forces.robot, constant_errors_of(forces.robot), len(forces.body.in_legs)
+    sizes = Unknowns.of(trunk=4, payload=4, errors=len(places), held=joints, held_loaded=joints)
+    bounds, mass = TrunkBounds.of(robot), robot.inertias[robot.trunk].mass
+    known = _with_box(Information.empty(sizes), "trunk", bounds, mass)
     return with_poses(with_poses(known, forces, tare), forces, loaded, loaded=True)
 
 
@@ -397,19 +387,17 @@ class PosesCom(StaticEstimator):
         noise, torque, foot = self.forces.noise, self.settings.torque_constant, self.settings.foot_position
         if torque is not None and foot is not None:
             noise = ForceNoise.of(robot, constant=torque, foot_position=foot)
-        self.errors = ConstantErrors.of(noise)
-        self._folded = plausible(self._start, self.bounds)
+        self.errors = ConstantErrors.of(robot, noise)
+        self._folded = plausible(robot, self._start, self.bounds)
         self._open: PoseMean | None = None
         self._closed: list[PoseMean] = []
-        self._linear_at = self._anchor = np.zeros(ERRORS)
+        self._linear_at = self._anchor = np.zeros(len(self.errors.places))
         self._known = unobserved()
         self._solved, self._latest, self.poses = -np.inf, np.nan, 0
 
     @property
     def sources(self) -> Array:
-        """Constant errors as last estimated, (39,): torques and feet leg by leg, vertical, links; zero if they are not
-        estimated.
-        """
+        """Constant errors as last estimated, (k,), see `constant_errors_of`; zero if they are not estimated."""
         return self._linear_at.copy()
 
     def estimate(self) -> TrunkEstimate:

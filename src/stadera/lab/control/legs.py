@@ -1,4 +1,4 @@
-"""Model of the legs for a single sample, fast enough for a 1 kHz loop (uses Pinocchio).
+"""Model of a quadruped's legs for a single sample, fast enough for a controller at 1 kHz (uses Pinocchio).
 
 All vectors are in the trunk frame. A trunk that moves with angular velocity ω and specific force a obeys the equations
 of one at rest in gravity-free space accelerated by a, so the bias torque
@@ -15,14 +15,18 @@ unit rate, where v_j is that of the link's point at the trunk's origin.
 """
 
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import ArrayLike, NDArray
 
-from stadera.body.friction import joint_columns
+from stadera.body.friction import direction
 from stadera.inertia import skew
+from stadera.robot.kinematics import forward_kinematics
 from stadera.robot.model import Robot
 from stadera.robot.pinocchio import pinocchio_model
+from stadera.trunk.measurement import Measurement
 from stadera.types import Array
 
 _PERMUTATION = np.stack([-skew(axis) for axis in np.eye(3)]).reshape(3, 9)  # a x r = -[r]x a
@@ -54,15 +58,6 @@ class LegMotion:
     inertia: Array  # (4, 3, 3) [kg·m²], M
     # (4, 6, 3), C: force [N] and moment [N·m] on the trunk, at its origin, per unit of joint acceleration
     coupling: Array
-
-
-def inverse_transposed(jacobians: Array, least_volume: float) -> Array:
-    """J^-T (..., 3, 3) of Jacobians (..., 3, 3) [m/rad]; NaN where |det J| is below `least_volume` [m³]."""
-    singular = np.abs(np.linalg.det(jacobians)) < least_volume
-    if not singular.any():
-        return np.asarray(np.linalg.inv(jacobians.swapaxes(-1, -2)))
-    regular = np.where(singular[..., None, None], np.eye(3), jacobians.swapaxes(-1, -2))
-    return np.asarray(np.where(singular[..., None, None], np.nan, np.linalg.inv(regular)))
 
 
 class LegDynamics:
@@ -129,3 +124,74 @@ class LegDynamics:
             inertia=inertia[self._block],
             coupling=inertia[self._coupling],
         )
+
+
+class MeasuredLegs(LegDynamics):
+    """Caches the state of the legs for the latest measurement, so that parts of a controller share the computation."""
+
+    _last: Measurement | None = None
+    _moved: LegMotion | None = None
+
+    def measured(self, m: Measurement) -> LegState:
+        """The state at this measurement; its `feet` always come from forward kinematics."""
+        if self._last is not m:
+            self._state = self.at(m.joint_position, m.joint_velocity, m.angular_velocity, m.force_at_origin)
+            self._last, self._moved = m, None
+        return self._state
+
+    def motion_at(self, m: Measurement) -> LegMotion:
+        """Motion of the legs at this measurement, evaluated on demand."""
+        self.measured(m)
+        if self._moved is None:
+            self._moved = self.motion()
+        return self._moved
+
+
+def cross(a: Array, b: Array) -> Array:
+    """a x b, (3,) each, faster than numpy's for single vectors."""
+    a, b = np.concatenate((a, a[:2])), np.concatenate((b, b[:2]))  # x y z x y
+    return np.asarray(a[1:4] * b[2:] - a[2:] * b[1:4])
+
+
+def foot_jacobians(robot: Robot, q: ArrayLike) -> Array:
+    """Jacobians of the feet with respect to their own leg's three joints (HAA, HFE, KFE, the last axis), trunk frame
+    [m/rad], (N, 4, 3, 3): `foot velocity = J @ joint velocity` for a trunk that stands still. ModelError for another
+    shape of q.
+    """
+    rotations, translations = forward_kinematics(robot.tree, q)
+    columns = joint_columns(robot)
+    turn, origin = rotations[:, columns + 1], translations[:, columns + 1]
+    axes = (turn @ robot.tree.axes[columns][..., None])[..., 0]
+    foot = np.array([leg.foot_position for leg in robot.legs])
+    feet = origin[:, :, 2] + (turn[:, :, 2] @ foot[..., None])[..., 0]
+    return np.asarray(np.cross(axes, feet[:, :, None] - origin).swapaxes(2, 3))
+
+
+def joint_columns(robot: Robot) -> NDArray[np.int_]:
+    """Index of each leg's joints, from the trunk outwards, in the tree's order, (4, 3)."""
+    return np.array([[robot.tree.joints.index(joint) for joint in leg.joints] for leg in robot.legs])
+
+
+@dataclass(frozen=True, eq=False)
+class JointFriction:
+    """Friction [N·m·s/rad, N·m] and torque offsets [N·m] of a robot's legs, each (4, 3), by leg and joint."""
+
+    viscous: Array
+    coulomb: Array
+    offset: Array
+
+    @classmethod
+    def of(cls, robot: Robot) -> Self:
+        """Friction and offsets of a robot's model."""
+        dynamics = [[robot.dynamics[joint] for joint in leg.joints] for leg in robot.legs]
+        terms = np.array([[(d.viscous, d.coulomb, d.offset) for d in leg] for leg in dynamics])
+        return cls(*np.moveaxis(terms, -1, 0))
+
+    def torque(self, velocity: Array, sliding: Array | None = None) -> Array:
+        """Torque of friction and offsets at joint velocities (..., 4, 3) [rad/s], (..., 4, 3) [N·m]. The velocities
+        `sliding` determine the direction of Coulomb friction; None for `velocity`.
+        """
+        torque = self.viscous * velocity + self.offset
+        if self.coulomb.any():
+            torque += self.coulomb * direction(velocity if sliding is None else sliding)
+        return np.asarray(torque)
