@@ -276,6 +276,25 @@ def test_a_script_plays_the_motion_and_goes_back_on_a_fault(
         np.testing.assert_allclose(poses[: len(reference)], reference.position[:, :3], atol=1e-3)
 
 
+def test_a_second_interruption_stops_the_way_back(
+    routine: Routine, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    stub = Stub(None)
+    take, poses = stub.take, stub.poses
+
+    def interrupted(*pose: float) -> int:
+        take(*pose)
+        if len(poses) in (20, 22):
+            raise KeyboardInterrupt
+        return 0
+
+    monkeypatch.setattr(stub, "take", interrupted)
+    ended = played("unitree", routine, stub, monkeypatch, tmp_path)
+    assert "on the way back" in ended
+    assert len(poses) == 22
+    assert stub.stopped
+
+
 def test_bad_requests_are_named(routine: Routine, run: Any) -> None:
     with pytest.raises(UnknownNameError, match="interface 'anymal'"):
         player(None, "anymal")  # type: ignore[arg-type]

@@ -53,7 +53,7 @@ def test_it_is_gaussian_conditioning() -> None:
     joint[:ERRORS, ERRORS : 2 * ERRORS] = joint[ERRORS : 2 * ERRORS, :ERRORS] = S * ~np.outer(changing, changing)
     for k, segment in enumerate((then, now)):
         noise = slice(2 * ERRORS + 10 * k, 2 * ERRORS + 10 * (k + 1))
-        joint[noise, noise] = segment.inverse @ segment.inverse.T
+        joint[noise, noise] = errors.of_rows(segment)
     of_then, of_now = np.zeros((10, size)), np.zeros((10, size))
     of_then[:, :ERRORS], of_then[:, 2 * ERRORS : 2 * ERRORS + 10] = -then.sensitivity, np.eye(10)
     of_now[:, ERRORS : 2 * ERRORS], of_now[:, 2 * ERRORS + 10 :] = -now.sensitivity, np.eye(10)

@@ -158,3 +158,47 @@ def test_a_test_weight_calibrates_the_robot() -> None:
         TrunkEstimator(GO2).know_payload(1.0, (0.0, 0.0, 0.1))
     with pytest.raises(IdentificationError, match="needs a mass above zero"):
         wrong.know_payload(-1.0, (0.0, 0.0, 0.1))
+
+
+def test_a_log_is_remembered_once_and_only_for_the_model_that_it_was_weighed_with() -> None:
+    memory = remembered(0, 1)
+    assert Memory.from_dict(json.loads(json.dumps(memory.to_dict()))).seen == memory.seen
+    with pytest.raises(IdentificationError, match="in the memory already"):
+        weighed(0, 0).remember(memory, settings=STILL)
+    joint = GO2.tree.joints[2]
+    identified = GO2.with_dynamics({joint: JointDynamics(0.01, 0.0, 0.5, 0.0)})
+    with pytest.raises(IdentificationError, match="other drives, links or feet"):
+        memory.check(identified)
+    without = {key: value for key, value in memory.to_dict().items() if key not in ("model", "seen")}
+    assert Memory.from_dict(without).check(identified).seen == ()
+
+
+def test_what_is_said_during_a_push_is_of_the_load_that_stays() -> None:
+    """A payload that is said while a person pushes the robot is on its back, and rows of the push are not."""
+    estimator = TrunkEstimator(GO2)
+    estimator.add(measured(2, 0, None))
+    estimator.tare()
+    estimator.add(measured(2, 1, None, 4.5))
+    history = estimator._history
+    whole = history.loaded
+    assert whole is not None
+    known = history.begin_load(30, estimator.errors.mean)
+    assert known.loaded is not None
+    assert known.loaded.blocks < whole.blocks - 30
+    estimator._changes.ended = (known.loaded,)
+    estimator._end_load(known.loaded)
+    estimator.know_payload(0.01, (0.0, 0.0, 0.1))
+    assert [segment for segment, _ in estimator._known[0].trunks] == [None, history.tare]
+    history.return_to(known)
+    assert history.loaded is not None
+    assert history.loaded.blocks == known.loaded.blocks + estimator.settings.changes.back
+
+
+def test_a_trunk_that_a_scale_makes_impossible_is_refused() -> None:
+    estimator = TrunkEstimator(GO2)
+    estimator.add(measured(2, 0, None))
+    before = estimator.trunk.inertial.mass
+    estimator.know_weight(GO2.mass - GO2.inertias[GO2.trunk].mass + 0.02, 1e-3)
+    assert estimator.estimate().status == "refused"
+    assert "runs away" in estimator.refusal
+    assert estimator.trunk.inertial.mass == before

@@ -41,7 +41,7 @@ class FloatingLog:
         source: the log's name.
         by_leg: information on mass and first moment of each leg's links, and on its drives, offsets included.
         trunk: with its uncertainty, payload included.
-        torque_lag: delay of the torques [s].
+        torque_lag: how much later than its stamp a torque acted [s], as of `stadera.identify.lag`.
         trust: fit of the log.
     """
 
@@ -67,7 +67,7 @@ def floating_log(robot: Robot, log: Log, progress: Progress) -> FloatingLog:
         estimator.add(samples)
         done += len(samples)
         progress("links and drives of a robot on its feet", done, 0)
-    return FloatingLog(log.source, learnt(estimator), estimator.trunk, estimator.torque_lag[0], estimator.trust)
+    return FloatingLog(log.source, learnt(estimator), estimator.trunk, -estimator.torque_lag[0], estimator.trust)
 
 
 def _columns(leg: Leg) -> tuple[str, ...]:

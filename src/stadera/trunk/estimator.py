@@ -19,6 +19,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import inf, isnan
+from zlib import crc32
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -56,13 +57,22 @@ class _Reading:
         self._of, self._segment, self._errors, self._known = of, of._history.current, of._fit.errors, of._known
 
     @cached_property
+    def vector(self) -> Array:
+        """The ten parameters (10,)."""
+        return self._corrected[0] if self._known else self._segment.mean(self._errors.mean)
+
+    @cached_property
+    def _corrected(self) -> tuple[Array, Array, Array]:
+        """The ten parameters, their covariance, and `Errors.by_scale`, with what is known from outside."""
+        segment, errors = self._segment, self._errors
+        found = segment.mean(errors.mean), errors.trunk_covariance(segment), errors.by_scale(segment.sensitivity)
+        outside = _correction(self._known, errors, segment)
+        return found if outside is None else outside.of_trunks({segment: np.eye(10)}, *found)
+
+    @cached_property
     def parameters(self) -> TrunkParameters:
         """All ten parameters and their uncertainty."""
-        of, segment, covariance = self._of, self._segment, self._errors.trunk_covariance(self._segment)
-        vector = segment.mean(self._errors.mean)
-        by_scale = self._errors.by_scale(segment.sensitivity)
-        if (outside := _correction(self._known, self._errors, segment)) is not None:
-            vector, covariance, by_scale = outside.of_trunks({segment: np.eye(10)}, vector, covariance, by_scale)
+        of, (vector, covariance, by_scale) = self._of, self._corrected
         found = TrunkParameters.of(vector, covariance, of._start, of.robot.mass, of.robot.leg_length)
         return replace(found, mass_std_without_scale=without_scale(covariance[0, 0], by_scale[0]))
 
@@ -126,7 +136,7 @@ class TrunkEstimator:
         self._changes = LoadChanges(self.robot, layout, self.settings)
         self._known: tuple[Knowledge, ...] = ()
         self._good: _Reading | None = None
-        self._state = _State()
+        self._state, self._print = _State(), 0
 
     # -- feeding ----------------------------------------------------------------------------------------------------
     def update(
@@ -171,6 +181,7 @@ class TrunkEstimator:
 
     def add_table(self, table: Array) -> None:
         """The same, of samples given by their `Samples.table`."""
+        self._print = crc32(table.tobytes(), self._print)
         for made in self._front.take(table):
             self._learn(made)
 
@@ -245,12 +256,14 @@ class TrunkEstimator:
         """The memory with what this log told besides.
 
         Raises:
-            IdentificationError: another robot or model, a bad fit, or a log that contradicts the memory.
+            IdentificationError: another robot or model, a bad fit, a log that the memory has already, or contradicts.
         """
         settings, model, errors = settings or MemorySettings(), self._fit.model, self._fit.errors
         if self.trust.verdict == "bad" or self._state.status is Status.REFUSED:
             raise IdentificationError("a log whose fit is bad, or whose end is refused, is not remembered")
         memory = memory.check(self.robot).faded(model.layout, days, settings)
+        if self._print in memory.seen:
+            raise IdentificationError("these samples are in the memory already")
         own = tuple(known for known in self._known if known.trunks)
         outside = _correction(own, errors, self._history.loaded or self._history.current)
         if outside is not None and max(outside.apart) > self.settings.apart:
@@ -267,7 +280,8 @@ class TrunkEstimator:
         start[gain] -= start[gain].mean() / model.layout.joints  # the gains' mean is zero
         scale = model.layout.places["common_gain"]
         start[scale] = model.variance[scale]
-        return memory.plus(model.layout, model.variance, start, mean, variance, days)
+        told = memory.plus(model.layout, model.variance, start, mean, variance, days)
+        return replace(told, seen=(*told.seen, self._print))
 
     def restart(self) -> None:
         """Announces that the next samples do not continue the previous ones; their rate may differ. Estimates are
@@ -344,7 +358,9 @@ class TrunkEstimator:
 
     @property
     def torque_lag(self) -> tuple[float, float]:
-        """Estimated delay of the torques and its standard deviation [s]."""
+        """Estimated delay of the torques and its standard deviation [s]: positive if the log has them late, as of sensors;
+        negative if they act after their stamps, as of commands. `identify` counts the other way.
+        """
         errors = self._fit.errors
         at = errors.layout.places["torque_lag"].start
         return float(errors.mean[at]), float(errors.std[at])
@@ -411,17 +427,18 @@ class TrunkEstimator:
         held = fit.fit is not None and fit.fit.misfit > self.settings.bad
         found = self._changes.look(rows, history, fit.errors, held)
         if found is Found.OTHER:
-            self._end_load(history.finished[-1])
+            self._end_load(self._changes.ended[0])
             self._state = replace(self._state, since=now)
         elif found is Found.BACK:
-            self._known = tuple(known.of_load(history.oldest, None) for known in self._known)
+            for load in (each for each in self._changes.ended if each is not history.tare):
+                self._known = tuple(known.of_load(load, None) for known in self._known)
         self._adopt(now)
 
     def _know(self, known: Knowledge) -> None:
         """Takes in what is known from outside, in place of what the same source said before."""
         self._known = (*(other for other in self._known if other.what != known.what), known)
-        if self._good is not None:
-            self._good = _Reading(self)
+        if self._good is not None and self._state.status is not Status.REFUSED:
+            self._adopt(self._state.learnt)
 
     def _end_load(self, load: Segment) -> None:
         """What was known of the present load is of one that ends now."""
@@ -435,8 +452,8 @@ class TrunkEstimator:
     def _adopt(self, time: float) -> None:
         """Adopts the present estimate of the trunk, unless it is implausible."""
         since = time if isnan(self._state.since) else self._state.since
-        vector, read, blocks = self._history.current.mean(self._fit.errors.mean), _Reading(self), self._history.blocks
-        if complaint := self._complaint(vector, read):
+        read, blocks = _Reading(self), self._history.blocks
+        if complaint := self._complaint(read.vector, read):
             self._state = replace(self._state, since=since)
             self._refuse(f"the estimate runs away: {complaint}")
             return

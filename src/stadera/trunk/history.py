@@ -92,7 +92,9 @@ class Scatter:
 
 
 class Known(NamedTuple):
-    """What was known before a change of the load, to return to if it was a push."""
+    """What was known before a change of the load, to return to if it was a push: the load's estimate, the loads before
+    it, and the estimate by the rows since the tare alone.
+    """
 
     before: Segment
     finished: tuple[Segment, ...]
@@ -113,7 +115,6 @@ class History:
         recent: the latest blocks of the present load.
         finished: the last four loads before the present one.
         tare: the trunk at the last tare; None without one.
-        loaded: the trunk by the rows since the tare alone, until a change is detected; None without a tare.
         scatter: κ of the rows.
     """
 
@@ -128,7 +129,7 @@ class History:
         self.finished: tuple[Segment, ...] = ()
         self._earlier: RowSums | None = None  # the sum of `finished`
         self.tare: Segment | None = None
-        self.loaded: Segment | None = None
+        self._loaded: deque[Segment | None] = deque([None])  # likewise, by the rows since the tare alone
         self._unused = 0  # next blocks that still contain samples before the tare
         self._robust, self._since_tare = RobustWeights(settings.outliers), RobustWeights(settings.outliers)
         self.scatter = Scatter(self._wide[:4], settings.memory / settings.block, settings.outliers)
@@ -137,6 +138,11 @@ class History:
     def current(self) -> Segment:
         """The present estimate."""
         return self._known[-1]
+
+    @property
+    def loaded(self) -> Segment | None:
+        """The trunk by the rows since the tare alone, until a change is detected; None without a tare."""
+        return self._loaded[-1]
 
     @property
     def aged(self) -> Segment:
@@ -164,47 +170,53 @@ class History:
         self._known.append(self.current.add(rows, keep * self._kept(rows, self.current)))
         self.recent.append(rows)
         self.blocks += 1
-        if self.loaded is not None:
+        loaded = self.loaded
+        if loaded is not None:
             self._unused -= 1
             if self._unused < 0:  # weighted by residuals from the present load: the estimate may be of the one before
-                weight = self._slides(rows, self.loaded) * self._since_tare.weight(rows, self.loaded, errors)
-                keep *= self._kept(rows, self.loaded)
-                self.loaded = self.loaded.add(replace(rows, weight=weight), keep, remainder=False)
+                weight = self._slides(rows, loaded) * self._since_tare.weight(rows, loaded, errors)
+                keep *= self._kept(rows, loaded)
+                loaded = loaded.add(replace(rows, weight=weight), keep, remainder=False)
+        self._loaded.append(loaded)
         if len(self.recent) > 2 * self._settings.changes.pending:
             self.recent.popleft()
             self._known.popleft()
+            self._loaded.popleft()
         return rows
 
     def set_tare(self, errors: Array) -> None:
         """Makes the present trunk the tare. Later rows are summed separately too."""
         self.tare, self._unused = self.current, self._settings.changes.spoilt
         self._since_tare = RobustWeights(self._settings.outliers)
-        self.loaded = self._widened(self.current, errors)
+        self._loaded[-1] = self._widened(self.current, errors)
 
     def begin_load(self, blocks: int, errors: Array) -> Known:
         """Begins a load that came so many blocks ago, with the rows since, and returns what was known before."""
         recent, spoilt = list(self.recent), self._settings.changes.spoilt
         blocks = min(blocks, len(recent))
-        before = self._known[max(len(recent) - blocks - spoilt, 0)]
-        known = Known(before, self.finished, self.loaded)
-        self._set((*self.finished[-3:], before), None)
-        self._begin(self._widened(before, errors), ())
+        last = max(len(recent) - blocks - spoilt, 0)
+        before = self._known[last]
+        known = Known(before, self.finished, self._loaded[last])
+        self._set((*self.finished[-3:], before))
+        self._begin(self._widened(before, errors), (), None)
         for rows in recent[len(recent) - blocks + spoilt :]:  # weights were those of residuals from the earlier load
             self.recent.append(replace(rows, weight=self._slides(rows, self.current)))
             self._known.append(self.current.add(self.recent[-1], self._kept(rows, self.current)))
+            self._loaded.append(None)
         return known
 
     def return_to(self, known: Known) -> None:
         """Continues an earlier load with the latest `ChangeSettings.back` blocks."""
         rows = list(self.recent)[-self._settings.changes.back :]
-        self._set(known.finished, known.loaded)
-        self._begin(known.before, rows)
+        self._set(known.finished)
+        self._begin(known.before, rows, known.loaded)
 
-    def _begin(self, segment: Segment, rows: Sequence[WeightedRows]) -> None:
-        self._known, self.recent = deque([segment]), deque(rows)
+    def _begin(self, segment: Segment, rows: Sequence[WeightedRows], loaded: Segment | None) -> None:
+        self._known, self.recent, self._loaded = deque([segment]), deque(rows), deque([loaded])
         self.scatter.restart()
         for row in rows:
             self._known.append(self.current.add(row))
+            self._loaded.append(loaded if loaded is None else (loaded := loaded.add(row, remainder=False)))
 
     def _slides(self, rows: WeightedRows, known: Segment) -> float:
         """Weight of a block by its joints' sliding, see `OutlierSettings`; one while the robot has only stood."""
@@ -216,8 +228,8 @@ class History:
         settings = self._settings.outliers
         return settings.held if known.moves(rows) and known.blocks and not known.moved else 1.0
 
-    def _set(self, finished: tuple[Segment, ...], loaded: Segment | None) -> None:
-        self.finished, self.loaded = finished, loaded
+    def _set(self, finished: tuple[Segment, ...]) -> None:
+        self.finished = finished
         self._earlier = self._sum(finished) if finished else None
 
     def _sum(self, segments: Sequence[Segment]) -> RowSums:

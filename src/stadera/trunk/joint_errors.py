@@ -170,7 +170,7 @@ class Errors:
     def trunk_covariance(self, segment: Segment) -> Array:
         """Covariance of a segment's trunk parameters, (10, 10)."""
         K = segment.sensitivity
-        return np.asarray(self._of_rows(segment) + K @ self.covariance @ K.T)
+        return np.asarray(self.of_rows(segment) + K @ self.covariance @ K.T)
 
     def difference_covariance(self, first: Segment, second: Segment) -> Array:
         """Covariance of the second segment's trunk parameters minus the first's, (10, 10).
@@ -179,13 +179,13 @@ class Errors:
         hide the load, so it does not cancel.
         """
         difference = second.sensitivity - first.sensitivity
-        total = self._of_rows(first) + self._of_rows(second) + difference @ self.covariance @ difference.T
+        total = self.of_rows(first) + self.of_rows(second) + difference @ self.covariance @ difference.T
         for place, own in self._changing:
             K1, K2, D = (x[:, place] for x in (first.sensitivity, second.sensitivity, difference))
             total += K1 @ own @ K1.T + K2 @ own @ K2.T - D @ own @ D.T
         return np.asarray(0.5 * (total + total.T))
 
-    def _of_rows(self, segment: Segment) -> Array:
+    def of_rows(self, segment: Segment) -> Array:
         """Covariance (10, 10) due to the rows' scatter, and to static friction that varies while the robot sways."""
         P = segment.inverse @ segment.inverse.T
         return np.asarray(self.scatter * P + P @ segment.sums.follows_motion(self._sticking, self._length) @ P)

@@ -53,12 +53,15 @@ class LoadChanges:
 
     Attributes:
         detector: of changes.
+        ended: estimates of loads that have ended: after a change, of the one before it; after a push, of all since
+            then, which are the present load.
     """
 
     def __init__(self, robot: Robot, layout: ErrorLayout, settings: TrunkSettings) -> None:
         self._settings, self._mass, le = settings, robot.mass, robot.leg_length
         scale = robot.mass * np.array([1.0, le, le, le])
         self.detector = ChangeDetector(settings.changes, scale, settings.block, layout)
+        self.ended: tuple[Segment, ...] = ()
         self._ended: tuple[LoadChange, ...] = ()
         self._changing: _Change | None = None
         self._rival: _Rival | None = None
@@ -93,6 +96,7 @@ class LoadChanges:
         known = history.begin_load(blocks, errors.mean)
         rival = self._rival or _Rival(now, known, known.before, self._ended, self._changing)
         self._rival = replace(rival, since=history.current)
+        self.ended = (known.loaded or known.before,)
         if jump.reported:
             if self._changing is not None:
                 self._ended = (*self._ended, self._weighed(self._changing, known.before, errors))
@@ -109,6 +113,8 @@ class LoadChanges:
         elif self.detector.returned(rival.known.before, rival.since, errors):
             self._rival = None
             self._ended, self._changing = rival.changes, rival.changing
+            later = (load for load in history.finished if load not in rival.known.finished)
+            self.ended = (*later, *filter(None, [rival.known.loaded]))
             history.return_to(rival.known)
             self.detector.restart(len(history.recent))
             return True

@@ -18,6 +18,7 @@ to a robot that was on a scale, or had a test weight on it, in one of the logs: 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from hashlib import sha256
 from typing import Any
 
 import numpy as np
@@ -80,10 +81,12 @@ class Memory:
     """What earlier logs of one robot told.
 
     Attributes:
-        robot: its name. mass: of its model [kg], by which another model is noticed.
+        robot: its name. mass: of its model [kg]. model: digest of all that the errors are differences from, by which
+            another model is noticed; empty if unknown.
         joints: of its legs, by leg and outwards.
         information, right: λ and η (n,) of the errors `OF_ROBOT`, in the prior's standard deviations.
         logs: number of logs. days: time of the last one, days since 1970; NaN if unknown.
+        seen: checksums of the logs' samples.
     """
 
     robot: str
@@ -93,13 +96,15 @@ class Memory:
     right: Array
     logs: int = 0
     days: float = float("nan")
+    model: str = ""
+    seen: tuple[int, ...] = ()
 
     @classmethod
     def none(cls, robot: Robot) -> Memory:
         """Of a robot of which nothing is known yet."""
         count = len(_places(ErrorLayout.of(robot)))
         joints = tuple(joint for leg in robot.legs for joint in leg.joints)
-        return cls(robot.name, robot.mass, joints, np.zeros(count), np.zeros(count))
+        return cls(robot.name, robot.mass, joints, np.zeros(count), np.zeros(count), model=_digest(robot))
 
     def check(self, robot: Robot) -> Memory:
         """Returns itself. Raises IdentificationError: it is of another robot or another model."""
@@ -112,6 +117,11 @@ class Memory:
             raise IdentificationError(
                 f"a memory of {self.robot} with {self.mass:.6g} kg is of another model than {robot.name} with "
                 f"{robot.mass:.6g} kg; begin a new one"
+            )
+        if self.model not in ("", _digest(robot)):
+            raise IdentificationError(
+                f"a memory of {self.robot} is of other drives, links or feet than the model has now, which its errors "
+                "are differences from; begin a new one"
             )
         return self
 
@@ -178,6 +188,8 @@ class Memory:
             "days": self.days if np.isfinite(self.days) else None,
             "information": self.information.tolist(),
             "right": self.right.tolist(),
+            "model": self.model,
+            "seen": list(self.seen),
         }
 
     @classmethod
@@ -188,11 +200,22 @@ class Memory:
             days, joints = values["days"], tuple(map(str, values["joints"]))
             when = float("nan") if days is None else float(days)
             name, mass, logs = str(values["robot"]), float(values["mass"]), int(values["logs"])
-        except (KeyError, TypeError, ValueError) as error:
+            model, seen = str(values.get("model", "")), tuple(map(int, values.get("seen", ())))
+        except (AttributeError, KeyError, TypeError, ValueError) as error:
             raise IdentificationError(f"not a robot's memory: {error!r}") from None
         if information.ndim != 1 or information.shape != right.shape or not np.isfinite([information, right]).all():
             raise IdentificationError("not a robot's memory: its information has another shape or is not finite")
-        return cls(name, mass, joints, information, right, logs, when)
+        return cls(name, mass, joints, information, right, logs, when, model, seen)
+
+
+def _digest(robot: Robot) -> str:
+    """Of the joints' terms, the links and the contact points of a model."""
+    joints = [joint for leg in robot.legs for joint in leg.joints]
+    terms = [(d.armature, d.viscous, d.coulomb, d.offset) for d in (robot.dynamics[joint] for joint in joints)]
+    links = [robot.inertias[link].vector for link in robot.tree.links[1:]]
+    feet = [leg.foot_position for leg in robot.legs]
+    values = np.concatenate([np.ravel(part) for part in (terms, links, feet)])
+    return sha256(np.round(values, 9).tobytes()).hexdigest()[:16]
 
 
 def _places(layout: ErrorLayout) -> Array:

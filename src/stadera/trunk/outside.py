@@ -4,7 +4,7 @@ Each is a set of values y that are linear in model errors p and in trunks θ_k, 
 
     y = A p + Σ_k N_k θ_k + ε,      cov ε = R
 
-An estimate of θ_k has the error n_k - K_k δ, with n_k the noise of its rows, of covariance κ P_k, and δ the error of
+An estimate of θ_k has the error n_k - K_k δ, with n_k the noise of its rows (`Errors.of_rows`), and δ the error of
 p̂, of covariance Σ. What is missing, y less its estimate, has the error
 
     ν = H δ + Σ_k N_k n_k + ε,      H = A - Σ_k N_k K_k,      S = cov ν
@@ -97,7 +97,7 @@ class Correction:
     def _own(self, trunk: Segment) -> Array:
         """Covariance (10, 10) of a trunk's error that no other trunk shares."""
         K, changing = trunk.sensitivity, self._errors.covariance - self._errors.lasting
-        return np.asarray(self._errors.scatter * trunk.inverse @ trunk.inverse.T + K @ changing @ K.T)
+        return np.asarray(self._errors.of_rows(trunk) + K @ changing @ K.T)
 
     def _shared(self, weights: Weights) -> Array:
         """C (k, m)."""

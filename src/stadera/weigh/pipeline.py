@@ -175,6 +175,8 @@ class _LogPass:
                 f"{where}: too short for a tare, the trunk's mass is not known by its end{reason and f': {reason}'}"
             )
         self.estimator.tare()
+        if self._request.weight is not None and isinstance(self.estimator, TrunkEstimator):
+            self.estimator.know_weight(*self._request.weight)  # the load may have changed since the beginning, unsaid
         self.tared = True
 
     def result(self) -> Weighing:

@@ -57,11 +57,13 @@ class Played(Gait):
         self._columns: list[int] = []
 
     def play(self, table: Recording) -> None:
-        """Plays a table from now on. Raises StaderaError: it has none of the robot's joints."""
+        """Plays a table from now on. Raises StaderaError: it has none of the robot's joints, or less than two rows."""
         joints = self.robot.tree.joints
         self._columns = [joints.index(joint) for joint in table.joints if joint in joints]
         if not self._columns:
             raise StaderaError(f"{table.source}: none of its joints is one of {self.robot.name}'s")
+        if len(table) < 2:
+            raise StaderaError(f"{table.source}: a motion needs at least two rows")
         self._table, self._begin = table, self._time
 
     def _wanted(self) -> tuple[Array, Array]:
