@@ -358,8 +358,8 @@ class TrunkEstimator:
 
     @property
     def torque_lag(self) -> tuple[float, float]:
-        """Estimated delay of the torques and its standard deviation [s]: positive if the log has them late, as of sensors;
-        negative if they act after their stamps, as of commands. `identify` counts the other way.
+        """Estimated delay of the torques and its standard deviation [s]: positive if the log has them late, as of
+        sensors; negative if they act after their stamps, as of commands. `identify` counts the other way.
         """
         errors = self._fit.errors
         at = errors.layout.places["torque_lag"].start

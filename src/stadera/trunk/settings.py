@@ -46,8 +46,8 @@ class ModelErrors:
         imu_response: share of the changes of the specific force, each axis, that the torques do not follow [1]:
             vibration, touchdowns between two samples, an accelerometer's filter, torques that are commands. 0.3 to 0.9
             on five walks of a real Mini Cheetah; of a robot whose IMU is good it is estimated to be next to nothing.
-        torque_lag: delay of the torques relative to encoders and IMU [s]. Real Go2 and Aliengo: 10 to 15 ms, as commands
-            act, which is a delay below zero.
+        torque_lag: delay of the torques relative to encoders and IMU [s]. Real Go2 and Aliengo: 10 to 15 ms, as
+            commands act, which is a delay below zero.
         velocity_lag: delay of the joint velocities [s].
         friction_drift: of joints with identified legs, change of viscous and Coulomb friction from log to log, share of
             their values [1]. Friction of a gear changes with temperature: Bittencourt and Gunnarsson, Static friction
