@@ -274,3 +274,9 @@ class InertialParameters:
     def to_dict(self) -> dict[str, Any]:
         """Plain numbers by name, for JSON."""
         return dict(zip(ORDER, self.vector.tolist(), strict=True))
+
+
+def parameter_map(rotation: ArrayLike, translation: ArrayLike) -> Array:
+    """The map (10, 10) by which `InertialParameters.transformed` takes ten parameters to another frame."""
+    moved = [InertialParameters(unit).transformed(rotation, translation).vector for unit in np.eye(10)]
+    return np.column_stack(moved)

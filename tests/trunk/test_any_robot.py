@@ -86,8 +86,12 @@ def planted(model: pin.Model, robot: Robot, start: Array, poses: list[pin.SE3]) 
     return np.array(out)
 
 
-def swaying(robot: Robot, load: InertialParameters, arms: float) -> Samples:
-    """A robot that sways with its feet planted, whose other joints move by `arms` [rad], with a load from `LOADED`."""
+def swaying(
+    robot: Robot, load: InertialParameters, arms: float, at: tuple[str, ...] = (), until: float = np.inf
+) -> Samples:
+    """A robot that sways with its feet planted, whose other joints move by `arms` [rad], with a load from `LOADED` to
+    `until` on the links that some joints move, on the trunk if none are named.
+    """
     model = pin.buildModelFromUrdf(str(robot.source), pin.JointModelFreeFlyer())
     extra = robot.extra.joints if robot.extra is not None else ()
     joints = (*robot.tree.joints, *extra)
@@ -112,16 +116,17 @@ def swaying(robot: Robot, load: InertialParameters, arms: float) -> Samples:
     path = make_interp_spline(time[coarse], planted(model, robot, start, poses), 5)
     own = [legs.index(joint) for joint in robot.tree.joints]
     q, v, a = (np.hstack([path(time, nu)[:, own], other]) for nu, other in enumerate(others))
-    force, effort = np.empty((len(time), 3)), np.empty((len(time), n))
+    force, effort = np.empty((len(time), 3)), np.empty((len(time), len(joints)))
     points = [(model.getJointId(leg.joints[-1]), np.array(leg.foot_position), leg.contact) for leg in robot.legs]
     radii = [leg.foot_radius for leg in robot.legs]
     loaded = model.copy()
-    loaded.inertias[1] += load.to_pinocchio()
+    for joint in at or (model.names[1],):
+        loaded.inertias[model.getJointId(joint)] += load.to_pinocchio()
     empty, full = model.createData(), loaded.createData()
     for k, t in enumerate(time):
         up = rotations[k][2]
         force[k] = rotations[k].T @ (moved[k] + [0.0, 0.0, 9.81])
-        now, data = (model, empty) if t < LOADED else (loaded, full)
+        now, data = (loaded, full) if LOADED <= t < until else (model, empty)
         state, rate, more = pin.neutral(now), np.zeros(now.nv), np.zeros(now.nv)
         state[order + 1], rate[order], more[order] = q[k], v[k], a[k]
         rate[3:6], more[3:6], more[:3] = omega[k], alpha[k], force[k]
@@ -136,8 +141,9 @@ def swaying(robot: Robot, load: InertialParameters, arms: float) -> Samples:
         stacked = np.vstack(J)
         needed -= stacked.T @ (np.linalg.pinv(stacked[:, :6].T) @ needed[:6])
         assert np.abs(needed[:6]).max() < 1e-8
-        effort[k] = needed[order[:n]]
-    return Samples(time, q[:, :n], v[:, :n], effort, omega, force, np.hstack([q[:, n:], v[:, n:]]))
+        effort[k] = needed[order]
+    extra_states = np.hstack([q[:, n:], v[:, n:], effort[:, n:]])
+    return Samples(time, q[:, :n], v[:, :n], effort[:, :n], omega, force, extra_states)
 
 
 @pytest.mark.parametrize(
@@ -151,7 +157,7 @@ def test_a_payload_is_weighed_on_any_legs(name: str | int, arms: float, tmp_path
     mass = 0.1 * robot.mass
     load = InertialParameters.from_com(mass, (0.02, -0.03, 0.1), 0.01 * mass * np.eye(3))
     samples = swaying(robot, load, arms)
-    estimator = TrunkEstimator(robot)
+    estimator = TrunkEstimator(robot, imu_frame=robot.trunk)
     estimator.add(samples[samples.time < TARED])
     trunk, alone = estimator.trunk, robot.inertias[robot.trunk]
     assert abs(trunk.inertial.mass - alone.mass) < 2.0 * np.sqrt(trunk.covariance[0, 0])

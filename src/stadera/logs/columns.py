@@ -12,6 +12,8 @@ from stadera.logs.topics import AS_RECORDED, DESIRED, PdGains, Reading, Topics
 
 TIME = "time"
 CHANNELS: tuple[str, ...] = ("position", "velocity", "acceleration", "effort")
+OTHER_CHANNELS: tuple[str, ...] = ("position", "velocity", "effort")
+"""Channels of joints that belong to no leg."""
 IMU_COLUMNS: dict[str, tuple[str, ...]] = {
     "angular_velocity": tuple(f"imu.angular_velocity.{axis}" for axis in "xyz"),
     "linear_acceleration": tuple(f"imu.linear_acceleration.{axis}" for axis in "xyz"),
@@ -43,7 +45,7 @@ class Layout:
     stamped: bool = False  # True if the unit of time is given
     rate_hz: float | None = None  # rows per second of a log without a column of time
     pd: PdGains | None = None  # gains for computing efforts from the desired positions among the channels
-    # joints besides the requested ones, by channel their columns: position, and velocity if all have one
+    # joints besides the requested ones, by channel their columns: position, and velocity and effort if all have one
     others: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     other_joints: tuple[str, ...] = ()  # their names
 
@@ -103,7 +105,7 @@ def layout(
     other_joints: tuple[str, ...] = ()
     if joints is not None:
         other_joints = tuple(j for j in reading.others if j not in wanted and f"{j}.position" in table.sources)
-        columns = {channel: tuple(f"{joint}.{channel}" for joint in other_joints) for channel in CHANNELS[:2]}
+        columns = {channel: tuple(f"{joint}.{channel}" for joint in other_joints) for channel in OTHER_CHANNELS}
         others = {channel: names for channel, names in columns.items() if names and set(names) <= set(table.sources)}
         sources |= {name: table.sources[name] for names in others.values() for name in names}
     return replace(

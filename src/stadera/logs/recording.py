@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from stadera.errors import RecordingError, UnknownNameError
-from stadera.logs.columns import CHANNELS, IMU_COLUMNS, TIME
+from stadera.logs.columns import CHANNELS, IMU_COLUMNS, OTHER_CHANNELS, TIME
 from stadera.logs.units import largest_of
 from stadera.types import Array, Bools
 
@@ -49,13 +49,14 @@ class Imu:
 
 @dataclass(frozen=True, eq=False)
 class OtherJoints:
-    """Motion of k joints that belong to no leg: position (samples, k) [rad or m] and velocity [rad/s or m/s], None if
-    not recorded.
+    """Motion of k joints that belong to no leg: position (samples, k) [rad or m], velocity [rad/s or m/s] and effort
+    [N·m or N], None if not recorded.
     """
 
     names: tuple[str, ...]
     position: Array
     velocity: Array | None = None
+    effort: Array | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -219,7 +220,7 @@ class Recording:
         found |= {f"{foot}.force": force for foot, force in self.foot_force.items()}
         found |= {f"{foot}.contact": contact for foot, contact in self.foot_contact.items()}
         if self.others is not None:
-            found |= {f"{_OTHERS}.{name}": getattr(self.others, name) for name in CHANNELS[:2]}
+            found |= {f"{_OTHERS}.{name}": getattr(self.others, name) for name in OTHER_CHANNELS}
         return {name: values for name, values in found.items() if values is not None}
 
     def columns(self, name: str) -> tuple[str, ...]:
@@ -243,7 +244,7 @@ class Recording:
             foot_force={foot: new[f"{foot}.force"] for foot in self.foot_force},
             foot_contact={foot: new[f"{foot}.contact"] for foot in self.foot_contact},
             others=self.others
-            and replace(self.others, **{c: new[f"{_OTHERS}.{c}"] for c in CHANNELS[:2] if f"{_OTHERS}.{c}" in new}),
+            and replace(self.others, **{c: new[f"{_OTHERS}.{c}"] for c in OTHER_CHANNELS if f"{_OTHERS}.{c}" in new}),
         )
 
     def with_others(self, names: Collection[str]) -> Recording:
@@ -251,8 +252,8 @@ class Recording:
         found = tuple(joint for joint in self.joints if joint in names)
         if not found:
             return self
-        velocity = None if self.velocity is None else self.channel("velocity", found)
-        return replace(self, others=OtherJoints(found, self.channel("position", found), velocity))
+        more = (None if getattr(self, c) is None else self.channel(c, found) for c in OTHER_CHANNELS[1:])
+        return replace(self, others=OtherJoints(found, self.channel("position", found), *more))
 
     def of_joints(self, joints: Sequence[str]) -> Recording:
         """The same samples of these joints, in this order; UnknownNameError if one is not recorded."""

@@ -7,7 +7,7 @@ move, `stadera.body` computes what that changes.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -18,6 +18,7 @@ from stadera.types import Array
 
 if TYPE_CHECKING:
     from stadera.logs.recording import OtherJoints
+    from stadera.robot.model import Frame
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,6 +34,9 @@ class ExtraJoints:
     sliding: tuple[bool, ...]  # (k,), True for a prismatic joint, whose position is in m
     bodies: tuple[InertialParameters, ...]  # of each link, in its joint's frame, with everything fixed to it
     reference: Array  # (k,) [rad or m], the position at which the robot's trunk contains the links
+    links: tuple[str, ...] = ()  # names of the links that they move
+    effort: tuple[float, ...] = ()  # (k,) [N·m or N], limits; infinite where the model states none
+    frames: Mapping[str, Frame] = field(default_factory=dict)  # every link and site of the file on these links
 
     def at(self, positions: Mapping[str, float]) -> ExtraJoints:
         """The same joints with another reference; joints that are not named keep theirs."""
@@ -50,23 +54,28 @@ class ExtraJoints:
         return np.asarray(moved - self.lumped.first_moment)
 
     def states(self, recorded: OtherJoints | None, samples: int) -> Array:
-        """Positions, then velocities, (samples, 2 k), of what was recorded, joints that were not at the reference;
-        (samples, 0) if nothing was.
+        """Positions, velocities and efforts, (samples, 3 k), of what was recorded, joints that were not at the
+        reference; zero efforts where none are known; (samples, 0) if nothing was recorded.
         """
         if recorded is None:
             return np.zeros((samples, 0))
-        out = np.zeros((samples, 2 * len(self.joints)))
-        out[:, : len(self.joints)] = self.reference
+        out, count = np.zeros((samples, 3 * len(self.joints))), len(self.joints)
+        out[:, :count] = self.reference
         for k, joint in enumerate(recorded.names):
             if joint in self.joints:
-                at = self.joints.index(joint)
-                out[:, at] = recorded.position[:, k]
-                if recorded.velocity is not None:
-                    out[:, len(self.joints) + at] = recorded.velocity[:, k]
+                channels = recorded.position, recorded.velocity, recorded.effort
+                for part, values in enumerate(channels):
+                    if values is not None:
+                        out[:, part * count + self.joints.index(joint)] = values[:, k]
         return out
 
     def _placed(self, position: Array) -> Sequence[InertialParameters]:
         """Each link in the trunk frame."""
+        poses = self.poses(position)
+        return [body.transformed(*pose) for body, pose in zip(self.bodies, poses, strict=True)]
+
+    def poses(self, position: Array) -> list[tuple[Array, Array]]:
+        """Rotation and origin [m] of each link in the trunk frame."""
         poses: list[tuple[Array, Array]] = []
         for k, parent in enumerate(self.parents):
             R, p = (np.eye(3), np.zeros(3)) if parent < 0 else poses[parent]
@@ -76,7 +85,7 @@ class ExtraJoints:
             else:
                 R = R @ turned_about(self.axes[k], position[k : k + 1])[:, :, 0]
             poses.append((R, p))
-        return [body.transformed(*pose) for body, pose in zip(self.bodies, poses, strict=True)]
+        return poses
 
 
 def turned_about(axis: Array, angle: Array) -> Array:

@@ -1,6 +1,6 @@
 """Loads a robot by name from the catalogue, or from a URDF or MJCF file; tells by its joints whose a log is."""
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 from os import PathLike
 from pathlib import Path
@@ -97,7 +97,7 @@ def _understand(file: ModelFile) -> Robot:
         notes = (*notes, f"{held}: {others}")
     order = [model.getJointId(file.model.names[joint]) for chain in chains for joint in chain.joints]
     tree = _tree(file, model, order)
-    frames = _frames(model, order, tree)
+    frames = _frames(model, dict(zip([1, *order], tree.links, strict=True)))
     shapes = tuple(_on_moving_links(file, frames))
     legs, foot_notes = _legs(file, chains, frames, shapes)
     for leg in legs:
@@ -114,7 +114,7 @@ def _understand(file: ModelFile) -> Robot:
         shapes=(*shapes, *fitted_shapes(tree, legs, shapes)),
         source=file.path,
         notes=(*notes, *foot_notes, *limit_notes),
-        extra=_extra(file.model, of_legs),
+        extra=_extra(file, of_legs),
     )
     return replace(robot, notes=(*robot.notes, *check_sense(robot)))
 
@@ -125,9 +125,9 @@ def _with_only(model: Any, joints: Collection[int]) -> tuple[Any, list[int]]:
     return (pin.buildReducedModel(model, locked, pin.neutral(model)) if locked else model), locked
 
 
-def _extra(whole: Any, of_legs: Collection[int]) -> ExtraJoints | None:
+def _extra(file: ModelFile, of_legs: Collection[int]) -> ExtraJoints | None:
     """The joints outside the legs that hang from the trunk and turn or slide; the others among them stay at zero."""
-    found = _hanging(whole, of_legs)
+    whole, found = file.model, _hanging(file.model, of_legs)
     if not found:
         return None
     model, _ = _with_only(whole, {*of_legs, *found})
@@ -143,6 +143,9 @@ def _extra(whole: Any, of_legs: Collection[int]) -> ExtraJoints | None:
         sliding=tuple(joint_axis(model.joints[joint]) is None for joint in order),
         bodies=tuple(InertialParameters.from_pinocchio(model.inertias[joint]) for joint in order),
         reference=np.zeros(len(order)),
+        links=tuple(file.links[name] for name in names),
+        effort=tuple(_stated(model.upperEffortLimit[model.joints[joint].idx_v]) or np.inf for joint in order),
+        frames=_frames(model, dict(zip(order, (file.links[name] for name in names), strict=True))),
     )
 
 
@@ -191,9 +194,8 @@ def _inertias(file: ModelFile, model: Any, tree: Tree, order: list[int]) -> dict
     return inertias
 
 
-def _frames(model: Any, order: list[int], tree: Tree) -> dict[str, Frame]:
-    """Every link and site of the file as a frame on its moving link."""
-    link_of_joint = dict(zip([1, *order], tree.links, strict=True))
+def _frames(model: Any, link_of_joint: Mapping[int, str]) -> dict[str, Frame]:
+    """Every link and site of the file on these moving links, by the joint that moves it, as a frame on it."""
     frames = {}
     for frame in model.frames:
         if frame.type in (pin.FrameType.BODY, pin.FrameType.OP_FRAME) and frame.parentJoint in link_of_joint:

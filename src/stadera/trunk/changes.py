@@ -109,13 +109,13 @@ class Deviations(NamedTuple):
 class Blocks:
     """Ring buffer of the latest blocks: their rows, projected on the specific force a, and running sums of these.
 
-    Projected rows are a · r_force and a x r_moment of A, b and C, and the square of a: (4, 10 + 1 + errors + 1).
+    Projected rows are a · r_force and a x r_moment of a block's `columns`, and the square of a: (4, columns + 1).
     A sum over any range is the difference of two running sums.
     """
 
-    def __init__(self, most: int, layout: ErrorLayout) -> None:
+    def __init__(self, most: int, columns: int) -> None:
         self._most, self.end, self.count = most, 0, 0
-        self.rows = np.empty((2 * most, 1 + 3, 11 + layout.count + 1))
+        self.rows = np.empty((2 * most, 1 + 3, columns + 1))
         self.sums = np.zeros((2 * most + 1, *self.rows.shape[1:]))
 
     def push(self, rows: WeightedRows) -> None:
@@ -134,9 +134,9 @@ class Blocks:
 
     def singles(self, n: int, known: Segment, errors: Errors, scale: Array) -> tuple[Array, Array]:
         """Of the last n blocks (n, 4): each one's own difference in units of `scale`, and its weight."""
-        rows, p = self.rows[self.end - n : self.end], errors.mean
+        rows = self.rows[self.end - n : self.end]
         weight = np.maximum(rows[..., -1], 1e-12)
-        residual = rows[..., :-1] @ np.concatenate([-known.mean(p), [1.0], -p])
+        residual = rows[..., :-1] @ known.combination(errors.mean)
         return residual / (weight * scale), weight
 
     def by_errors(self, begin: Ints, end: Ints, known: Segment, errors: Errors, scale: Array) -> Array:
@@ -144,7 +144,7 @@ class Blocks:
         their weight; from `begin` to before `end`, (k,), both counted backwards from the last block.
         """
         totals = self.sums[self.end - end] - self.sums[self.end - begin]
-        moved = (totals[..., 11:-1] - totals[..., :10] @ known.sensitivity) * errors.std
+        moved = known.by_errors(totals[..., :-1]) * errors.std
         variance = np.einsum("kce,kce->kc", moved, moved)
         return np.asarray(variance / (np.maximum(totals[..., -1], 1e-12) * scale) ** 2)
 
@@ -155,13 +155,16 @@ class ChangeDetector:
     Args:
         settings: limits for a change.
         scale: (4,) units of mass and first moments: the robot's mass, and that times the leg's length.
-        block: length of a block [s]. layout: places of the model errors.
+        block: length of a block [s]. layout: places of the model errors. places: number of those where a load may be,
+            besides the trunk.
     """
 
-    def __init__(self, settings: ChangeSettings, scale: Array, block: float, layout: ErrorLayout) -> None:
+    def __init__(
+        self, settings: ChangeSettings, scale: Array, block: float, layout: ErrorLayout, places: int = 0
+    ) -> None:
         self.settings, self._scale, self._block = settings, scale, block
         self._windows = np.array(settings.windows)
-        self._blocks = Blocks(round(settings.memory / block), layout)
+        self._blocks = Blocks(round(settings.memory / block), 11 + layout.count + 10 * places)
         shape = len(settings.windows), len(scale)
         # up to the last change of the load, and up to now
         self._usual = Spread(np.full(shape, settings.prior**2), np.zeros(shape), np.zeros(len(settings.windows)))
@@ -172,6 +175,10 @@ class ChangeDetector:
     def restart(self, kept: int) -> None:
         """Restarts after a change of the load: only the last `kept` blocks belong to the new one."""
         self._persists, self._blocks.count, self._usual = 0, kept, self._spreads
+
+    def dismiss(self) -> None:
+        """Forgets a change that was about to be reported, which another place of the load explains."""
+        self._persists = 0
 
     def look(self, rows: WeightedRows, before: Segment, errors: Errors, held: bool) -> Jump | None:
         """Returns a change when the last block makes it certain, else None.
@@ -256,7 +263,7 @@ class ChangeDetector:
         if before.blocks * self._block < self.settings.history or not len(windows):
             return None
         means, weight = self._means(windows, before, errors)
-        known = (before.inverse[: len(self._scale)] ** 2).sum(axis=1) / self._scale**2
+        known = (before.whole.inverse[: len(self._scale)] ** 2).sum(axis=1) / self._scale**2
         return Deviations(means - self._past.centre, 1.0 / (weight * self._scale**2), known)
 
     def _largest(self, found: Deviations, by_errors: Array) -> Largest:

@@ -16,6 +16,7 @@ from types import MappingProxyType
 import numpy as np
 
 from stadera.constants import GRAVITY
+from stadera.robot.limbs import Limbs
 from stadera.robot.model import JointDynamics, Robot
 from stadera.trunk.settings import ModelErrors
 from stadera.types import Array, Bools
@@ -24,7 +25,7 @@ from stadera.types import Array, Bools
 @dataclass(frozen=True)
 class ErrorLayout:
     """Places of the errors in p, of a robot whose legs have some joints, by leg and outwards, some links, in the order
-    of its tree, and some contacts.
+    of its tree, some contacts, and some joints in other limbs.
 
     `link_com` goes by axis and link, `contact` by leg and trunk axis. `stiction` is the torque of static friction,
     `regression` the part removed from noisy angular acceleration (`stadera.trunk.calibration`), `sampling` half the
@@ -35,12 +36,13 @@ class ErrorLayout:
     links: int
     contacts: int
     legs: tuple[int, ...]  # joints of each leg
+    limbs: int = 0
 
     @classmethod
     def of(cls, robot: Robot) -> ErrorLayout:
         """Of a robot."""
         legs = tuple(len(leg.joints) for leg in robot.legs)
-        return cls(sum(legs), len(robot.tree.joints), len(legs), legs)
+        return cls(sum(legs), len(robot.tree.joints), len(legs), legs, len(Limbs.of(robot).joints))
 
     @cached_property
     def places(self) -> Mapping[str, slice]:
@@ -49,9 +51,12 @@ class ErrorLayout:
         for name in ("rotor", "viscous", "coulomb"):
             sizes[name] = joints
         sizes |= {"torque_lag": 1, "offset": joints, "gain": joints, "encoder": joints, "contact": 3 * self.contacts}
-        sizes |= {"link_mass": links, "link_com": 3 * links, "imu_lever": 3, "imu_rotation": 3, "accelerometer": 3}
-        sizes |= {"imu_response": 3, "velocity_lag": 1, "stiction": joints, "common_gain": 1, "regression": 3}
-        sizes["sampling"] = 1
+        sizes |= {"link_mass": links, "link_com": 3 * links}
+        for name in ("rotor", "viscous", "coulomb", "offset", "mass"):
+            sizes[f"limb_{name}"] = self.limbs
+        sizes |= {"limb_com": 3 * self.limbs, "imu_lever": 3, "imu_rotation": 3, "accelerometer": 3}
+        sizes |= {"imu_response": 3, "velocity_lag": 1, "stiction": joints, "limb_stiction": self.limbs}
+        sizes |= {"limb_gain": self.limbs, "common_gain": 1, "regression": 3, "sampling": 1}
         ends = np.cumsum(list(sizes.values())).tolist()
         return MappingProxyType(
             {name: slice(end - size, end) for (name, size), end in zip(sizes.items(), ends, strict=True)}
@@ -73,6 +78,13 @@ class ErrorLayout:
         zero.
         """
         return slice(0, self.places["velocity_lag"].stop)
+
+    @property
+    def changing(self) -> tuple[slice, ...]:
+        """Errors that may change with the load: noise that is removed from angular accelerations, and static
+        friction.
+        """
+        return tuple(self.places[name] for name in ("regression", "stiction", "limb_stiction"))
 
     @property
     def sticking(self) -> slice:
@@ -155,6 +167,13 @@ class ErrorModel:
         for name in _AS_STATED:
             std[places[name]] = getattr(sizes, name)
         std[places["regression"]] = std[places["sampling"]] = 1.0
+        limb = limb_limits(robot)
+        std[places["limb_rotor"]] = sizes.rotor * leg_mass * length**2 * limb / self.limit.mean()  # as large as strong
+        for name in ("viscous", "coulomb", "offset"):
+            std[places[f"limb_{name}"]] = getattr(sizes, name) * limb
+        std[places["limb_stiction"]] = sizes.held * sizes.coulomb * limb
+        std[places["limb_gain"]], std[places["limb_mass"]] = sizes.gain, sizes.link_mass
+        std[places["limb_com"]] = sizes.link_com
         alike = {"rotor": sizes.alike, "viscous": sizes.alike, "coulomb": sizes.alike, "stiction": sizes.sagging}
         found = {name: np.isfinite(own) for name, own in known.items()}
         self.covariance: Array = _correlation(layout, alike, found | {"stiction": found["coulomb"]}) * np.outer(
@@ -169,6 +188,15 @@ class ErrorModel:
         """
         stuck = scale[self.layout.sticking]
         return self._sticking * np.outer(stuck, stuck), self.variance * scale**2
+
+
+def limb_limits(robot: Robot) -> Array:
+    """Effort limits of the limbs' joints [N·m]; where the model has none, the torque that carries a tenth of the
+    robot's weight on a lever as long as a leg.
+    """
+    extra, largest = robot.extra, 0.1 * GRAVITY * robot.mass * robot.leg_length
+    given = np.array([extra.effort[k] for k in Limbs.of(robot).joints]) if extra is not None else np.zeros(0)
+    return np.where(np.isfinite(given), given, largest)
 
 
 def _correlation(layout: ErrorLayout, alike: Mapping[str, float], known: Mapping[str, Bools]) -> Array:

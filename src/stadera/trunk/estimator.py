@@ -46,6 +46,7 @@ from stadera.trunk.result import ObservedLimits, TrunkParameters
 from stadera.trunk.samples import Samples
 from stadera.trunk.segment import Segment
 from stadera.trunk.settings import TrunkSettings
+from stadera.trunk.where import Whereabouts
 from stadera.trust import Trust
 from stadera.types import Array
 
@@ -100,16 +101,19 @@ class TrunkEstimator:
     Args:
         robot: a `Robot`, the name of one, or the path of its model file.
         joints: names of the joints in the order of the arrays given to `update`; None for the robot's own order. Joints
-            outside the legs (an arm) that are among them move as given; the trunk's values are those with them at the
-            robot's reference, the model's zero unless `Robot.posed` set another.
+            outside the legs (an arm) that are among them move as given, and their torques tell what they carry (zero
+            where not known); the trunk's values are those with them at the robot's reference, the model's zero unless
+            `Robot.posed` set another.
         imu_frame: frame of the IMU's values; None for the model's.
         start: prior of the trunk, which also supplies components that are never observed; None for the model's trunk.
         settings: None for the defaults.
         mount: of the IMU, instead of `imu_frame`.
+        at: link or frame on which the load is, such as a hand's; None to find where it is. A load that is not on the
+            trunk is no part of it.
 
     Raises:
         ImplausibleError: the prior is not plausible.
-        UnknownNameError: no such joint or frame.
+        UnknownNameError: no such joint, link or frame.
     """
 
     def __init__(
@@ -120,6 +124,7 @@ class TrunkEstimator:
         start: TrunkModel | None = None,
         settings: TrunkSettings | None = None,
         mount: ImuMount | None = None,
+        at: str | None = None,
     ) -> None:
         self.robot = robot if isinstance(robot, Robot) else load_robot(robot)
         self.settings, self.bounds = settings or TrunkSettings(), TrunkBounds.of(self.robot)
@@ -128,12 +133,15 @@ class TrunkEstimator:
         if inertia is None:
             inertia = self.robot.inertias[self.robot.trunk].inertia_com
         self._start = InertialParameters.from_com(first.mass, first.com_trunk, inertia)
-        self._front = Front(self.robot, mount or ImuMount.of(self.robot, imu_frame), self.settings, joints)
+        self._where = Whereabouts(self.robot, at)
+        places, mount = self._where.places, mount or ImuMount.of(self.robot, imu_frame)
+        self._front = Front(self.robot, mount, self.settings, joints, places)
         self._front.shape = self._start
         self._fit = ModelFit(self.robot, self.settings)
         layout = self._fit.model.layout
-        self._history = History(self.robot, self._start.vector, layout, self.settings)
-        self._changes = LoadChanges(self.robot, layout, self.settings)
+        self._history = History(self.robot, self._start.vector, layout, self.settings, len(places))
+        self._history.at = self._where.candidates[0]
+        self._changes = LoadChanges(self.robot, layout, self.settings, self._where)
         self._known: tuple[Knowledge, ...] = ()
         self._good: _Reading | None = None
         self._state, self._print = _State(), 0
@@ -332,14 +340,18 @@ class TrunkEstimator:
         if (tare := history.tare) is None:
             return None
         now = history.current if history.loaded is None else history.loaded
+        limit = ObservedLimits().com * self.robot.leg_length
+        if now.load is not None and now.held is not None:
+            return self._where.payload(now.load, now.held.at, errors, limit)
         difference = now.mean(p) - tare.mean(p)
         covariance = errors.difference_covariance(tare, now)
         by_scale = errors.by_scale(now.sensitivity - tare.sensitivity)
         if (outside := self._outside) is not None:
             weights = {now: np.eye(10), tare: -np.eye(10)}
             difference, covariance, by_scale = outside.of_trunks(weights, difference, covariance, by_scale)
-        found = Payload.of_parameters(difference, covariance, ObservedLimits().com * self.robot.leg_length)
-        return replace(found, mass_std_without_scale=without_scale(covariance[0, 0], by_scale[0]))
+        found = Payload.of_parameters(difference, covariance, limit)
+        found = replace(found, mass_std_without_scale=without_scale(covariance[0, 0], by_scale[0]))
+        return found if len(self._where.candidates) == 1 else self._where.said(found, (0,))
 
     @property
     def changes(self) -> tuple[LoadChange, ...]:
@@ -424,6 +436,7 @@ class TrunkEstimator:
         fit.update(history, self._front)
         if fit.due - history.blocks == self.settings.updated // 2:  # not in the block that also evaluates the fit
             self._changes.detector.learn(history.aged, fit.errors)
+            self._changes.place(history, fit.errors)
         held = fit.fit is not None and fit.fit.misfit > self.settings.bad
         found = self._changes.look(rows, history, fit.errors, held)
         if found is Found.OTHER:

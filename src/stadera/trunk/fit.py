@@ -50,6 +50,9 @@ _CAUSES = {
     "imu_response": "accelerations that the torques do not follow",
     "torque_lag": "torques that are late",
     "velocity_lag": "joint velocities that are late",
+    "limb_mass": "masses of the links of arms and other limbs",
+    "limb_coulomb": "Coulomb friction in arms and other limbs",
+    "limb_offset": "constant torque errors of arms and other limbs",
 }
 
 
@@ -131,7 +134,8 @@ class Fit:
 
     def _causes(self, errors: ErrorModel, most: float) -> tuple[str, ...]:
         """The three errors that explain most of the residual, each alone and up to `most` times its prior size."""
-        shares = {name: self._explained(errors, self.layout.places[name], most) for name in _CAUSES}
+        sized = {name: self.layout.places[name] for name in _CAUSES}
+        shares = {name: self._explained(errors, at, most) for name, at in sized.items() if at.stop > at.start}
         best = sorted(shares, key=lambda name: -shares[name])[:3]
         return tuple(
             f"the residual is {self.misfit:.1f} times what noise and usual errors of models explain; "

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from stadera.errors import RecordingError, UnknownNameError
 from stadera.robot.imu import ImuMount
+from stadera.robot.limbs import Place
 from stadera.robot.model import Robot
 from stadera.trunk.error_model import ErrorLayout
 from stadera.trunk.ground import GroundNormal
@@ -44,6 +45,7 @@ class Front:
         mount: of the IMU; samples are in trunk axes, those of `measured` in the IMU's.
         settings: of blocks, gaps, swinging legs, impacts and stops.
         joints: names in the order of the arrays of `measured`; None for the robot's own.
+        places: where a load may be, besides the trunk.
 
     Attributes:
         mount: of the IMU.
@@ -56,7 +58,12 @@ class Front:
     """
 
     def __init__(
-        self, robot: Robot, mount: ImuMount, settings: TrunkSettings, joints: Sequence[str] | None = None
+        self,
+        robot: Robot,
+        mount: ImuMount,
+        settings: TrunkSettings,
+        joints: Sequence[str] | None = None,
+        places: tuple[Place, ...] = (),
     ) -> None:
         self._robot, self.mount, self._settings = robot, mount, settings
         self._names = tuple(joints) if joints is not None else robot.tree.joints
@@ -69,7 +76,10 @@ class Front:
         limits = [robot.limits[joint] for joint in robot.tree.joints]
         self._stops = np.array([[limit.lower, limit.upper] for limit in limits])
         self.shape = robot.inertias[robot.trunk]
-        self._maker, self._sampling = RowMaker(robot, mount, settings.swing), ErrorLayout.of(robot).places["sampling"]
+        self._maker, self._sampling = (
+            RowMaker(robot, mount, settings.swing, places),
+            ErrorLayout.of(robot).places["sampling"],
+        )
         self._buffer = SampleBuffer(robot.tree.joints, settings)
         self._ground, self._spikes = GroundNormal(self._maker.weight), SpikeFilter()
         self.gaps: deque[tuple[float, float]] = deque(maxlen=100)
@@ -120,9 +130,9 @@ class Front:
         turn, extra = self.mount.in_trunk_axes, np.empty(0)
         if self._robot.extra is not None and self._extra_order:
             count = len(self._robot.extra.joints)
-            extra = np.append(self._robot.extra.reference, np.zeros(count))
+            extra = np.append(self._robot.extra.reference, np.zeros(2 * count))
             for at, k in self._extra_order.items():
-                extra[[at, count + at]] = values["q"][k], values["dq"][k]
+                extra[[at, count + at, 2 * count + at]] = values["q"][k], values["dq"][k], values["tau"][k]
         position, velocity, effort = (values[name][self._order] for name in ("q", "dq", "tau"))
         omega, force = turn(values["gyro"]), turn(values["accel"])
         return Measurement(t, position, velocity, effort, omega, force, lever=self.mount.translation, extra=extra)

@@ -11,7 +11,8 @@ from typing import NamedTuple
 import numpy as np
 
 from stadera.robot.model import Robot
-from stadera.trunk.error_model import ErrorLayout
+from stadera.trunk.error_model import ErrorLayout, limb_limits
+from stadera.trunk.placed import Blocks, Held
 from stadera.trunk.rows import BlockRows
 from stadera.trunk.segment import RowSums, Segment, WeightedRows, robot_weight, unit_of_rows, weighted
 from stadera.trunk.settings import OutlierSettings, TrunkSettings
@@ -42,7 +43,7 @@ class RobustWeights:
         settings = self._settings
         if known.blocks < (settings.enough if np.isnan(self.usual) else settings.afresh):
             return 1.0
-        residual = rows.residual(known.mean(errors), errors)
+        residual = rows.columns @ known.combination(errors)
         square = float(residual @ residual) / len(residual)
         if np.isnan(self.usual):
             self.usual = square
@@ -80,7 +81,7 @@ class Scatter:
         if known.blocks < self._cluster:
             return
         shown = rows.columns[:, :4].T
-        self._sum += rows.weight * (shown @ rows.residual(known.mean(errors), errors))
+        self._sum += rows.weight * (shown @ rows.columns @ known.combination(errors))
         self._normal += rows.weight * (shown @ shown.T)
         self._summed += 1
         if self._summed < self._cluster:
@@ -109,8 +110,10 @@ class History:
 
     Args:
         robot: the model. prior: (10,), of the trunk. layout: places of the model errors.
+        places: number of those where a load may be, besides the trunk.
 
     Attributes:
+        at: where the present load is. before: the trunk without it; None before any load and without a tare.
         blocks: number of blocks so far.
         recent: the latest blocks of the present load.
         finished: the last four loads before the present one.
@@ -118,14 +121,21 @@ class History:
         scatter: κ of the rows.
     """
 
-    def __init__(self, robot: Robot, prior: Array, layout: ErrorLayout, settings: TrunkSettings) -> None:
+    def __init__(
+        self, robot: Robot, prior: Array, layout: ErrorLayout, settings: TrunkSettings, places: int = 0
+    ) -> None:
         mass, le = robot.mass, robot.leg_length
-        self._settings, self._layout = settings, layout
+        self._settings, self._layout, self._places = settings, layout, places
+        self.at: Blocks = (0,)
+        self.before: Segment | None = None
+        self._divided = False  # a load began since the tare
+        sizes = settings.model
+        self._of_limbs = float(np.hypot(sizes.coulomb, sizes.offset)) * limb_limits(robot)
         self._wide = mass * np.array([1.0, *[0.5 * le] * 3, *[0.5 * le**2] * 6])
         self._unit = unit_of_rows(robot_weight(robot), le)
         self.blocks = 0
         self.recent: deque[WeightedRows] = deque()
-        self._known = deque([Segment.prior(prior, self._wide, layout)])  # before each of `recent`, and with all
+        self._known = deque([Segment.prior(prior, self._wide, layout, places)])  # before each of `recent`, and with all
         self.finished: tuple[Segment, ...] = ()
         self._earlier: RowSums | None = None  # the sum of `finished`
         self.tare: Segment | None = None
@@ -155,6 +165,11 @@ class History:
         return self._known[0]
 
     @property
+    def since_load(self) -> Segment | None:
+        """The rows since the tare, or since the last change of the load; None without either."""
+        return self.loaded if self.loaded is not None else self.current if self._divided else None
+
+    @property
     def total(self) -> RowSums:
         """Sums over all loads. Rows in which a change may still be detected do not count against the model."""
         enough = self.aged.blocks >= self._settings.outliers.enough or self.finished
@@ -164,7 +179,7 @@ class History:
     def add(self, made: BlockRows, errors: Array) -> WeightedRows:
         """Adds a block, and returns its rows with their weight; `errors` are p̂."""
         keep = exp(-made.elapsed / self._settings.memory)
-        rows = weighted(made, self._unit)
+        rows = weighted(made, self._unit, self._of_limbs)
         rows = replace(rows, weight=self._slides(rows, self.current) * self._robust.weight(rows, self.current, errors))
         self.scatter.count(rows, self.aged, errors)
         self._known.append(self.current.add(rows, keep * self._kept(rows, self.current)))
@@ -176,7 +191,7 @@ class History:
             if self._unused < 0:  # weighted by residuals from the present load: the estimate may be of the one before
                 weight = self._slides(rows, loaded) * self._since_tare.weight(rows, loaded, errors)
                 keep *= self._kept(rows, loaded)
-                loaded = loaded.add(replace(rows, weight=weight), keep, remainder=False)
+                loaded = loaded.add(replace(rows, weight=weight), keep, remainder=self._places > 0)
         self._loaded.append(loaded)
         if len(self.recent) > 2 * self._settings.changes.pending:
             self.recent.popleft()
@@ -186,7 +201,9 @@ class History:
 
     def set_tare(self, errors: Array) -> None:
         """Makes the present trunk the tare. Later rows are summed separately too."""
-        self.tare, self._unused = self.current, self._settings.changes.spoilt
+        self.tare = self.before = self.current.with_load(None)
+        self._divided = False
+        self._unused = self._settings.changes.spoilt
         self._since_tare = RobustWeights(self._settings.outliers)
         self._loaded[-1] = self._widened(self.current, errors)
 
@@ -197,6 +214,9 @@ class History:
         last = max(len(recent) - blocks - spoilt, 0)
         before = self._known[last]
         known = Known(before, self.finished, self._loaded[last])
+        if self.before is None:
+            self.before = before
+        self._divided = True
         self._set((*self.finished[-3:], before))
         self._begin(self._widened(before, errors), (), None)
         for rows in recent[len(recent) - blocks + spoilt :]:  # weights were those of residuals from the earlier load
@@ -216,7 +236,7 @@ class History:
         self.scatter.restart()
         for row in rows:
             self._known.append(self.current.add(row))
-            self._loaded.append(loaded if loaded is None else (loaded := loaded.add(row, remainder=False)))
+            self._loaded.append(loaded if loaded is None else (loaded := loaded.add(row, remainder=self._places > 0)))
 
     def _slides(self, rows: WeightedRows, known: Segment) -> float:
         """Weight of a block by its joints' sliding, see `OutlierSettings`; one while the robot has only stood."""
@@ -238,4 +258,16 @@ class History:
 
     def _widened(self, known: Segment, errors: Array) -> Segment:
         """A prior for the trunk under another load."""
-        return Segment.prior(known.mean(errors), self._settings.after_change * self._wide, self._layout)
+        wide = self._settings.after_change * self._wide
+        return Segment.prior(known.mean(errors), wide, self._layout, self._places, self._held)
+
+    @property
+    def _held(self) -> Held | None:
+        return None if self.at == (0,) or self.before is None else Held(self.at, self.before)
+
+    def move(self, at: Blocks) -> None:
+        """Takes the present load to be elsewhere."""
+        self.at = at
+        if self._divided:
+            self._known = deque(segment.with_load(self._held) for segment in self._known)
+        self._loaded = deque(None if each is None else each.with_load(self._held) for each in self._loaded)

@@ -34,6 +34,7 @@ import numpy as np
 from scipy.linalg import lapack
 
 from stadera.trunk.error_model import ErrorModel
+from stadera.trunk.placed import Told
 from stadera.trunk.segment import RowSums, Segment
 from stadera.trunk.swing import SwingJoints
 from stadera.types import Array
@@ -161,18 +162,27 @@ class Errors:
 
     @cached_property
     def _changing(self) -> list[tuple[slice, Array]]:
-        """Errors that may change with the load: noise that is removed from angular accelerations, and static friction,
-        with their covariances.
-        """
-        regression = self.layout.places["regression"]
-        return [(regression, self.covariance[regression, regression]), (self.layout.sticking, self._sticking)]
+        """Errors that may change with the load, with their covariances."""
+        regression, sticking, of_limbs = self.layout.changing
+        own = self.covariance[regression, regression], self._sticking, self.covariance[of_limbs, of_limbs]
+        return list(zip((regression, sticking, of_limbs), own, strict=True))
 
     def trunk_covariance(self, segment: Segment) -> Array:
         """Covariance of a segment's trunk parameters, (10, 10)."""
         K = segment.sensitivity
         return np.asarray(self.of_rows(segment) + K @ self.covariance @ K.T)
 
-    def difference_covariance(self, first: Segment, second: Segment) -> Array:
+    def load_covariance(self, load: Told) -> Array:
+        """Covariance of a load elsewhere than on the trunk, (n, n). Errors that may change with it do not cancel."""
+        K, done = load.sensitivity, 0
+        total = self.of_rows(load) + K @ self.covariance @ K.T
+        for place, own in self._changing:
+            before = load.before[:, done : done + len(own)]
+            across = (K[:, place] - before) @ own @ before.T
+            total, done = total - across - across.T, done + len(own)
+        return np.asarray(0.5 * (total + total.T))
+
+    def difference_covariance(self, first: Segment | Told, second: Segment | Told) -> Array:
         """Covariance of the second segment's trunk parameters minus the first's, (10, 10).
 
         Errors that act on both alike cancel. Static friction of sticking joints may change with the load, and may even
@@ -185,9 +195,11 @@ class Errors:
             total += K1 @ own @ K1.T + K2 @ own @ K2.T - D @ own @ D.T
         return np.asarray(0.5 * (total + total.T))
 
-    def of_rows(self, segment: Segment) -> Array:
+    def of_rows(self, segment: Segment | Told) -> Array:
         """Covariance (10, 10) due to the rows' scatter, and to static friction that varies while the robot sways."""
         P = segment.inverse @ segment.inverse.T
+        if segment.sums is None:
+            return np.asarray(self.scatter * P)
         return np.asarray(self.scatter * P + P @ segment.sums.follows_motion(self._sticking, self._length) @ P)
 
     def energies(self, products: Array) -> tuple[float, float]:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from math import isfinite, sqrt
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -26,18 +26,20 @@ TENSOR = tuple(name.removeprefix("I") for name in ORDER[4:])
 
 @dataclass(frozen=True, eq=False)
 class Payload:
-    """Mass added to the trunk since the tare; trunk frame.
+    """Mass added to the robot since the tare, in the frame of the link or frame `at`: the trunk's, or another's.
 
     Attributes:
         mass, mass_std: [kg].
         com: (3,) [m]. com_covariance: (3, 3) [m²]. NaN where not observed; all NaN if the mass is less than three
             standard deviations from zero.
-        inertia: (3, 3) [kg·m²], about the payload's centre of mass, trunk axes; None where not observed.
+        inertia: (3, 3) [kg·m²], about the payload's centre of mass, in that frame's axes; None where not observed.
         inertia_std: (6,) [kg·m²], of its Ixx, Ixy, Ixz, Iyy, Iyz, Izz; None where not observed.
         parameters: all ten, as the difference of two trunks, which need not be physically possible; None if only mass
             and centre of mass are estimated.
         mass_std_without_scale: the part of `mass_std` [kg] that is not due to the scale that all torques have in
             common, by which loads of one robot are compared; None if it is not known.
+        at: the link or frame; empty for the trunk. places: probability of each place that was compared, none if that
+            was not asked.
     """
 
     mass: float
@@ -48,6 +50,8 @@ class Payload:
     inertia_std: Array | None = None
     parameters: InertialParameters | None = None
     mass_std_without_scale: float | None = None
+    at: str = ""
+    places: Mapping[str, float] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         return described(self, self.mass)
@@ -65,7 +69,7 @@ class Payload:
         return np.sqrt(np.diag(self.com_covariance))
 
     def to_dict(self, frame: str, mark: dict[str, bool]) -> dict[str, Any]:
-        """Plain values for JSON, in the named frame; `mark` is added to mass and centre of mass."""
+        """Plain values for JSON; `frame` is the trunk's; `mark` is added to mass and centre of mass."""
         tensor = None if self.inertia is None else self.inertia[np.triu_indices(3)].tolist()
         std = None if self.inertia_std is None else self.inertia_std.tolist()
         return {
@@ -74,8 +78,10 @@ class Payload:
             "com_covariance": [plain(row) for row in self.com_covariance],
             "inertia": tensor and dict(zip(TENSOR, tensor, strict=True)),
             "inertia_std": std and dict(zip(TENSOR, std, strict=True)),
-            "frame": frame,
+            "frame": self.at or frame,
             "inertia_about": "com",
+            "at": self.at or frame,
+            "places": [{"at": at, "probability": share} for at, share in self.places.items()],
         }
 
     @classmethod
@@ -120,6 +126,7 @@ class LoadChange:
         mass, mass_std: difference in mass [kg]; errors common to both sides cancel.
         kind: on, off, or shifted if the mass is the same within its error.
         mass_std_without_scale: as of `Payload` [kg].
+        at: the link on which the load is since; empty for the trunk.
     """
 
     time: float
@@ -128,11 +135,12 @@ class LoadChange:
     mass_std: float
     kind: ChangeKind
     mass_std_without_scale: float | None = None
+    at: str = ""
 
     def to_dict(self, mark: dict[str, bool]) -> dict[str, Any]:
         """Plain values for JSON; `mark` is added to the mass."""
         mass = mass_quantity(self.mass, self.mass_std, self.mass_std_without_scale) | mark
-        return {"time": self.time, "noticed": self.noticed, "kind": self.kind, "mass": mass}
+        return {"time": self.time, "noticed": self.noticed, "kind": self.kind, "mass": mass, "at": self.at or None}
 
 
 def since_tare(changes: Sequence[LoadChange], payload: Payload | None) -> tuple[LoadChange, ...]:

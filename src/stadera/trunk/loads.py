@@ -15,6 +15,7 @@ from stadera.trunk.joint_errors import Errors
 from stadera.trunk.load import SIGNIFICANT, ChangeKind, LoadChange, without_scale
 from stadera.trunk.segment import Segment, WeightedRows
 from stadera.trunk.settings import TrunkSettings
+from stadera.trunk.where import Whereabouts
 
 
 class Found(Enum):
@@ -49,7 +50,7 @@ class LoadChanges:
     The last one's mass is that of the present estimate, until the next one is detected.
 
     Args:
-        robot: the model. layout: places of the model errors.
+        robot: the model. layout: places of the model errors. where: the load may be.
 
     Attributes:
         detector: of changes.
@@ -57,10 +58,11 @@ class LoadChanges:
             then, which are the present load.
     """
 
-    def __init__(self, robot: Robot, layout: ErrorLayout, settings: TrunkSettings) -> None:
+    def __init__(self, robot: Robot, layout: ErrorLayout, settings: TrunkSettings, where: Whereabouts) -> None:
+        self._where = where
         self._settings, self._mass, le = settings, robot.mass, robot.leg_length
         scale = robot.mass * np.array([1.0, le, le, le])
-        self.detector = ChangeDetector(settings.changes, scale, settings.block, layout)
+        self.detector = ChangeDetector(settings.changes, scale, settings.block, layout, len(where.places))
         self.ended: tuple[Segment, ...] = ()
         self._ended: tuple[LoadChange, ...] = ()
         self._changing: _Change | None = None
@@ -84,10 +86,18 @@ class LoadChanges:
         # friction of joints that stop would pass for a load against an estimate from joints that slide
         stopped = rows.sliding < self._settings.changes.sliding and 2.0 * before.moved > before.weight
         jump = self.detector.look(rows, before, errors, held or stopped)
-        if jump is None:
+        if jump is None or self.place(history, errors):
             return Found.SAME
         self._divide(jump, history, errors, rows.time)
         return Found.OTHER
+
+    def place(self, history: History, errors: Errors) -> bool:
+        """Looks where the load is; True if it is elsewhere than was taken, which may have looked like a change."""
+        settings = self._settings
+        if not self._where.look(history, errors, settings.swing.repeated, settings.placed):
+            return False
+        self.detector.dismiss()
+        return True
 
     def _divide(self, jump: Jump, history: History, errors: Errors, now: float) -> None:
         """Begins another load with the rows since a change."""
@@ -121,11 +131,13 @@ class LoadChanges:
         return False
 
     def _weighed(self, change: _Change, now: Segment, errors: Errors) -> LoadChange:
-        mass = float(now.mean(errors.mean)[0] - change.before.mean(errors.mean)[0])
-        variance = float(errors.difference_covariance(change.before, now)[0, 0])
+        before, after = change.before.whole, now.whole
+        mass = float(after.mean(errors.mean)[0] - before.mean(errors.mean)[0])
+        variance = float(errors.difference_covariance(before, after)[0, 0])
         std = float(np.sqrt(variance))
         kind: ChangeKind = "on" if mass > 0 else "off"
         if abs(mass) < max(SIGNIFICANT * std, self._settings.changes.shifted * self._mass):
             kind = "shifted"
-        by_scale = errors.by_scale(now.sensitivity - change.before.sensitivity)
-        return LoadChange(change.time, change.noticed, mass, std, kind, without_scale(variance, by_scale[0]))
+        by_scale = errors.by_scale(after.sensitivity - before.sensitivity)
+        at = "" if now.held is None else self._where.name(now.held.at)
+        return LoadChange(change.time, change.noticed, mass, std, kind, without_scale(variance, by_scale[0]), at)

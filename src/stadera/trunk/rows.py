@@ -40,11 +40,13 @@ from stadera.body.friction import direction
 from stadera.constants import GRAVITY, SINGULAR
 from stadera.inertia import InertialParameters, skew
 from stadera.robot.imu import ImuMount
+from stadera.robot.limbs import Place
 from stadera.robot.model import Robot
 from stadera.trunk.calibration import SignalCalibration
 from stadera.trunk.error_model import ErrorLayout
 from stadera.trunk.ground import turned
 from stadera.trunk.lifted import Lifted
+from stadera.trunk.limbs import LimbRows, LimbSums, by_mass_and_centre
 from stadera.trunk.noise import WhiteNoise
 from stadera.trunk.row_kernel import window_sums
 from stadera.trunk.samples import Samples
@@ -73,13 +75,15 @@ _UNIT = np.eye(3)
 
 
 class Equations:
-    """Six rows A θ + C p = b.
+    """Six rows A θ + C p = b, and those of the limbs.
 
     Attributes:
-        columns: (6, 10 + 1 + errors), of A, b and C.
+        columns: (6, 10 + 1 + errors + 10 loads), of A, b, C and of what a load elsewhere does (`stadera.trunk.limbs`).
+        limbs: (joints, the same), of the limbs' joints.
     """
 
     columns: Array
+    limbs: Array | None
 
     @property
     def matrix(self) -> Array:
@@ -93,7 +97,7 @@ class Equations:
 
     @property
     def errors(self) -> Array:
-        """C (6, errors)."""
+        """C (6, errors), then what loads do."""
         return self.columns[:, 11:]
 
 
@@ -118,7 +122,7 @@ class BlockRows(Equations):
 
     Attributes:
         time: of the last sample [s]. elapsed: since the previous block [s].
-        columns: (6, 10 + 1 + errors), of A, b [N, N·m] and C.
+        columns: (6, ...), of A, b [N, N·m], C and loads. limbs: (joints, ...), None if there are none.
         white: (6,), variances of the white noise.
         swing: rows in joint space.
     """
@@ -128,6 +132,7 @@ class BlockRows(Equations):
     columns: Array
     white: Array
     swing: SwingRows
+    limbs: Array | None = None
 
 
 class BlockResult(NamedTuple):
@@ -153,8 +158,8 @@ class _Sums:
     by_terms, by_links: (J, 6, terms) and (K, 6, 10), of E times q̈, q̇, s, 1, τ and √(1 - s²), and of `State.columns`.
     """
 
-    def __init__(self, layout: ErrorLayout) -> None:
-        J, K = layout.joints, layout.links
+    def __init__(self, layout: ErrorLayout, links: int) -> None:
+        J, K = layout.joints, links
         self._shapes: dict[str, tuple[int, ...]] = {"plain": (21 + 7 * J,), "by_rate": (6,), "squared": (6,)}
         self._shapes |= {"by_terms": (J, 6, len(_TERMS)), "by_links": (K, 6, 10)}
         self._joints = 21 + J + J * np.arange(7)
@@ -187,6 +192,7 @@ class _Half:
     middle: Array  # (6, J + contacts), ∂b/∂(q, p_contact)
     angular_velocity: Array
     air: Bools
+    limbs: LimbSums | None
     averaged: float  # Σ w²
     differentiated: float  # see `half_differences` [1/s²]
 
@@ -198,6 +204,7 @@ class RowMaker:
         robot: the model.
         mount: of the IMU, for its lever; the samples are in trunk axes.
         swing: criteria for a swinging leg.
+        places: links on which a load may be, besides the trunk.
 
     Attributes:
         body: the robot as a tree. noise: white noise of all channels, estimated from the log.
@@ -205,10 +212,11 @@ class RowMaker:
         weight: of the robot [N]. flat: least det J [m³].
     """
 
-    def __init__(self, robot: Robot, mount: ImuMount, swing: SwingDetection) -> None:
-        self.body, self._robot, self._lever = Body.of(robot, others=False), robot, mount.translation
+    def __init__(self, robot: Robot, mount: ImuMount, swing: SwingDetection, places: tuple[Place, ...] = ()) -> None:
+        self._robot, self._lever, self._places = robot, mount.translation, places
         self._layout, length = ErrorLayout.of(robot), robot.leg_length
-        self._sums, self._columns = _Sums(self._layout), self.body.in_legs
+        self._use(Body.of(robot, others=False))
+        self._columns = self.body.in_legs
         self.noise, n = WhiteNoise.prior(robot, self._layout.joints), len(robot.tree.joints)
         imu = 3 * n + np.arange(6)
         self._channels = np.concatenate([2 * n + self._columns, n + self._columns, imu])  # of the noise, among all
@@ -218,6 +226,13 @@ class RowMaker:
         self._sign = 1.0  # of alternating sums: goes on from block to block, also where these have odd numbers
         self._calibration = SignalCalibration()
         self._speeds: deque[Array] = deque(maxlen=_LATELY)  # squared, over the noise's variance
+
+    def _use(self, body: Body) -> None:
+        """Takes a body with or without the joints outside the legs."""
+        self.body, self._sums = body, _Sums(self._layout, len(body.joints))
+        self._by_mass = by_mass_and_centre(body)
+        whole = self._places or len(body.joints) > len(self._robot.tree.joints)
+        self._limbs = LimbRows(self._robot, body, self._places, self._layout) if whole else None
 
     def restart(self) -> None:
         """Discards the unfinished window: the next samples do not continue the previous ones."""
@@ -240,7 +255,7 @@ class RowMaker:
             squares: `SpikeFilter.squares` of the block.
         """
         if samples.extra.shape[1] and len(self.body.joints) == samples.position.shape[1]:
-            self.body = Body.of(self._robot)  # with the joints outside the legs
+            self._use(Body.of(self._robot))
         motion = self._motion(samples, normal)
         state, n = self.body.at(motion, columns=True), len(samples) - 2
         flat = np.abs(state.volume) < self.flat
@@ -257,9 +272,9 @@ class RowMaker:
 
     def _motion(self, samples: Samples, normal: Array) -> Motion:
         """Motion of a block, with joints outside the legs where they are recorded."""
-        k, q, v = samples.extra.shape[1] // 2, samples.position[1:-1], samples.velocity
+        k, q, v = samples.extra.shape[1] // 3, samples.position[1:-1], samples.velocity
         if k:
-            q, v = np.hstack([q, samples.extra[1:-1, :k]]), np.hstack([v, samples.extra[:, k:]])
+            q, v = np.hstack([q, samples.extra[1:-1, :k]]), np.hstack([v, samples.extra[:, k : 2 * k]])
         span = (samples.time[2:] - samples.time[:-2])[:, None]
         omega, turning = samples.angular_velocity[1:-1], samples.angular_velocity
         alpha = (turning[2:] - turning[:-2]) / span
@@ -307,6 +322,11 @@ class RowMaker:
         halves["plain"][:] = weights @ plain
         step = (samples.time[-2] - samples.time[1]) / (n - 1) if n > 1 else 0.02
         probes, middle = self._slopes(motion, tau)
+        limbs, count = None, samples.position.shape[1]
+        if self._limbs is not None:
+            at = self._limbs.joints
+            torque = samples.extra[1:-1, 2 * (len(own.joints) - count) + at - count]
+            limbs = self._limbs.sums(weights, motion, state, torque, _fitted(motion.velocity[:, at]))
         half = _Half(
             end=float(samples.time[-2]),
             samples=n,
@@ -316,6 +336,7 @@ class RowMaker:
             middle=middle,
             angular_velocity=motion.angular_velocity.mean(axis=0),
             air=self.lifted.legs(state, motion, force, sure, step),
+            limbs=limbs,
             averaged=float(rising @ rising),
             differentiated=half_differences(n) / step**2,
         )
@@ -363,20 +384,6 @@ class RowMaker:
         """Leg of each joint, (J,)."""
         return self.body.leg_of[self._columns]
 
-    @cached_property
-    def _by_mass_and_centre(self) -> Array:
-        """Derivatives (K, 10, 4) of each link's parameters φ by a share of all of them, and by a displacement of its
-        mass c without rotation: of m c by m, of I by m (2 c_i 1 - e_i cᵀ - c e_iᵀ).
-        """
-        out = np.zeros((self._layout.links, 10, 4))
-        for k, phi in enumerate(self.body.parameters[: self._layout.links]):
-            out[k, :, 0], c = phi, phi[1:4]
-            for i, axis in enumerate(_UNIT):
-                tensor = 2.0 * c[i] * _UNIT - np.outer(axis, c) - np.outer(c, axis)
-                out[k, 1 + i, 1 + i] = phi[0]
-                out[k, 4:, 1 + i] = tensor[np.triu_indices(3)]
-        return out
-
     def _rows(self, first: _Half, second: _Half, trunk: InertialParameters) -> BlockRows:
         J, layout, places, noise = self._layout.joints, self._layout, self._layout.places, self.noise
         sums = self._sums.of(first.sums, second.sums)
@@ -391,10 +398,13 @@ class RowMaker:
         own_alpha = wrench_of_angular_acceleration(trunk.first_moment, trunk.inertia)
         K = wrench_of_specific_force(trunk.mass, trunk.first_moment) - probes[:, :3]
         L, G = own_alpha - probes[:, 3:6], probes[:, 6:]
-        columns = np.empty((6, 11 + layout.count))
-        columns[:, :10], columns[:, 10], C = trunk_matrix(signals), sums["target"], columns[:, 11:]
-        if len(self.body.joints) > layout.links:  # the trunk contains the other joints' links at their reference
-            columns[:, 10] += trunk_matrix(sums["signals"]) @ self.body.lumped
+        columns, end, of_links = np.zeros((6, 11 + layout.count + 10 * len(self._places))), 11 + layout.count, None
+        columns[:, :10], columns[:, 10], C = trunk_matrix(signals), sums["target"], columns[:, 11:end]
+        if first.limbs is not None and second.limbs is not None and self._limbs is not None:
+            A = trunk_matrix(sums["signals"])
+            columns[:, 10] += A @ self.body.lumped  # the trunk contains the other joints' links at their reference
+            self._limbs.add(columns, A, sums["by_links"], self._by_mass)
+            of_links = self._limbs.rows(first.limbs, second.limbs, self._by_mass) if len(self._limbs.joints) else None
         for term, name in enumerate(_TERMS):
             C[:, places[name]] = -sums["by_terms"][:, :, term].T
         # signs such that positive static friction lifts the trunk, as in all joints of a robot that sags
@@ -408,7 +418,7 @@ class RowMaker:
         C[:, places["torque_lag"]] = sums["by_rate"][:, None]
         C[:, places["common_gain"]] = C[:, places["gain"]].sum(axis=1, keepdims=True)
         C[:, places["encoder"]], C[:, places["contact"]] = middle[:, :J], -middle[:, J:]
-        by_links = sums["by_links"] @ self._by_mass_and_centre  # (K, 6, 4)
+        by_links = sums["by_links"][: layout.links] @ self._by_mass[: layout.links]  # (K, 6, 4)
         C[:, places["link_mass"]] = -by_links[:, :, 0].T
         C[:, places["link_com"]] = -by_links[:, :, 1:].transpose(1, 2, 0).reshape(6, -1)
         a, alpha, spin = signals_of(sums["signals"])
@@ -426,7 +436,7 @@ class RowMaker:
         white += _TELESCOPED * differentiated * (of_gyro * (L_noise * L_noise).sum(axis=1) + by_velocity)
         joint = sums["joint"]
         swing = SwingRows(first.air & second.air, joint[:4], joint[4], joint[5])
-        return BlockRows(second.end, elapsed, columns, white, swing)
+        return BlockRows(second.end, elapsed, columns, white, swing, of_links)
 
 
 def signals_of(signals: Array) -> tuple[Array, Array, Array]:

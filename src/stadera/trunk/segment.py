@@ -5,12 +5,20 @@ Rows A θ + C p = b, weighted by a constant W, are summed up to R θ + G p = z. 
     θ̂ = R⁻¹ (z - G p̂),      cov θ̂ = R⁻¹ R⁻ᵀ + K Σ Kᵀ,      K = R⁻¹ G
 
 The rows that remain after θ is eliminated tell p (`stadera.trunk.joint_errors`).
+
+A load elsewhere than on the trunk, of parameters φ in the links on which it may be, and the rows of the limbs, which
+have no θ, make the triangle go on below:
+
+    [ R  Q ] [θ]   [G]     [z]
+    [    L ] [φ] + [H] p = [y]
+
+Without a load elsewhere φ is zero. With one, see `stadera.trunk.placed`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from math import isnan, sqrt
 
@@ -21,6 +29,7 @@ from stadera.constants import GRAVITY
 from stadera.information import Information, Unknowns
 from stadera.robot.model import Robot
 from stadera.trunk.error_model import ErrorLayout
+from stadera.trunk.placed import Held, Told, TrunkAndLoad, folded, told
 from stadera.trunk.rows import BlockRows, Equations
 from stadera.trunk.wrench import TRUNK_MAP
 from stadera.types import Array
@@ -41,11 +50,11 @@ def by_force(length: float) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class WeightedRows(Equations):
-    """Six rows of one block, in the unit of `weighted`.
+    """Six rows of one block and those of its limbs, in the unit of `weighted`.
 
     Attributes:
         time: of the last sample [s].
-        columns: (6, 10 + 1 + errors), of A, b and C.
+        columns: (6, ...), of A, b, C and loads. limbs: (joints, ...), None if there are none.
         white: variance of the white noise, summed over the six rows [1].
         weight: of the rows in sums [1], see `stadera.trunk.history.RobustWeights`.
         sliding: share of the joints that slide, whose direction of friction is known [1].
@@ -56,15 +65,12 @@ class WeightedRows(Equations):
     white: float
     weight: float = 1.0
     sliding: float = 1.0
+    limbs: Array | None = None
 
     @classmethod
     def of(cls, time: float, matrix: Array, errors: Array, target: Array, white: float) -> WeightedRows:
         """From A (6, 10), C (6, errors) and b (6,)."""
         return cls(time, np.hstack([matrix, target[:, None], errors]), white)
-
-    def residual(self, trunk: Array, errors: Array) -> Array:
-        """b - A θ - C p (6,), for θ (10,) and p (errors,)."""
-        return np.asarray(self.columns @ np.concatenate([-trunk, [1.0], -errors]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,13 +128,15 @@ class Segment:
 
     Attributes:
         layout: places of the errors.
-        triangle: (10, 10 + 1 + errors), R, z and G.
+        triangle: (10, 10 + 1 + errors + loads), R, z, G and Q.
         cost: sum of squared residuals that no trunk explains [1]. count: number of rows, with forgetting.
         white: Σ of the rows' white variance [1].
         begin: time of the first row [s].
         blocks: number of blocks.
         sums: means and variation of the rows.
         moved: sum of the weights of blocks in which the robot moves [1].
+        below: (loads, loads + 1 + errors), L, y and H.
+        held: where a load is that the trunk does not contain, and the trunk without it; None if there is none.
     """
 
     layout: ErrorLayout
@@ -140,14 +148,20 @@ class Segment:
     begin: float = np.nan
     blocks: int = 0
     moved: float = 0.0
+    below: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    held: Held | None = None
     _last: list[tuple[Segment, float, Array, bool]] = field(default_factory=list, repr=False)
 
     @classmethod
-    def prior(cls, mean: Array, std: Array, layout: ErrorLayout) -> Segment:
-        """The prior of the trunk, mean and standard deviation (10,), before any row."""
-        triangle = np.zeros((10, 11 + layout.count))
+    def prior(cls, mean: Array, std: Array, layout: ErrorLayout, places: int = 0, held: Held | None = None) -> Segment:
+        """The prior of the trunk, mean and standard deviation (10,), and of loads at so many `places`, before any
+        row.
+        """
+        width = 11 + layout.count
+        triangle, below = np.zeros((10, width + 10 * places)), np.zeros((10 * places, 10 * places + width - 10))
         triangle[:, :10], triangle[:, 10] = np.diag(1.0 / std), mean / std
-        return cls(layout, triangle, RowMoments.none(layout.joints))
+        below[:, : 10 * places] = np.diag(np.tile(1.0 / std, places))
+        return cls(layout, triangle, RowMoments.none(layout.joints), below=below, held=held)
 
     def add(self, rows: WeightedRows, keep: float = 1.0, remainder: bool = True) -> Segment:
         """Returns the segment with one more block, the weight of everything before it multiplied by `keep`.
@@ -155,9 +169,15 @@ class Segment:
         Args:
             remainder: keep what `remainder` needs.
         """
-        place = self.layout.sticking
+        place, below, root = self.layout.sticking, self.below, sqrt(rows.weight)
         stiction = rows.columns[:, 11 + place.start : 11 + place.stop]
-        triangle, residue = _folded(self.triangle, sqrt(rows.weight) * rows.columns, sqrt(keep))
+        triangle, residue = folded(self.triangle, root * rows.columns, sqrt(keep), 10)
+        if loads := len(below):
+            more = residue if rows.limbs is None else np.vstack([residue, root * rows.limbs[:, 10:]])
+            more = np.hstack([more[:, -loads:], more[:, :-loads]])
+            below, residue = folded(below, more, sqrt(keep), loads)
+        elif rows.limbs is not None:
+            residue = np.vstack([residue, root * rows.limbs[:, 10:]])
         left, moving = residue[:, 0], self.moves(rows)
         return Segment(
             self.layout,
@@ -169,6 +189,8 @@ class Segment:
             rows.time if isnan(self.begin) else self.begin,
             self.blocks + 1,
             keep * self.moved + rows.weight * moving,
+            below,
+            self.held,
             [(self, keep, residue, moving)] if remainder else [],
         )
 
@@ -180,6 +202,15 @@ class Segment:
         sticking = rows.columns[:, 11 + place.start : 11 + place.stop].any(axis=0)
         return 2 * int(np.count_nonzero(sticking)) <= self.layout.joints
 
+    def with_load(self, held: Held | None) -> Segment:
+        """The same rows with a load elsewhere; itself if it is the same."""
+        if held is self.held:
+            return self
+        out = replace(self, held=held, _last=list(self._last))
+        if "_remainders" in self.__dict__:
+            out.__dict__["_remainders"] = self._remainders
+        return out
+
     @property
     def weight(self) -> float:
         """Sum of the weights of the blocks, with forgetting [1]."""
@@ -188,18 +219,40 @@ class Segment:
     @property
     def known(self) -> Information:
         """R, z and G as information."""
-        T = self.triangle
-        return Information(THETA, T[:, :10], T[:, 10], T[:, 11:], self.cost, self.count)
+        T, end = self.triangle, 11 + self.layout.count
+        return Information(THETA, T[:, :10], T[:, 10], T[:, 11:end], self.cost, self.count)
 
     @property
     def remainder(self) -> Array:
-        """(1 + errors, 1 + errors), products of targets and errors, summed over all rows after eliminating θ."""
-        return self._remainders[0] + self._remainders[1]
+        """(1 + errors, 1 + errors), products of targets and errors, summed over all rows after eliminating θ, and φ if
+        there is a load elsewhere.
+        """
+        return self._remainders[0] + self.in_motion
 
     @property
     def in_motion(self) -> Array:
         """The same of blocks in which the robot moves."""
-        return self._remainders[1]
+        moving, left = self._remainders[1], self._left
+        return moving if not len(left) else moving + left.T @ left
+
+    @property
+    def _left(self) -> Array:
+        """(..., 1 + errors), rows of the triangle that are left."""
+        return self._load.left if self._load is not None else self.below[:, len(self.below) :]
+
+    @cached_property
+    def _load(self) -> TrunkAndLoad | None:
+        return None if self.held is None else told(self, self.held)
+
+    @property
+    def whole(self) -> Told | Segment:
+        """What is known of all that the robot carries and its trunk together."""
+        return self if self._load is None else self._load.whole
+
+    @property
+    def load(self) -> Told | None:
+        """What is known of a load elsewhere than on the trunk."""
+        return None if self._load is None else self._load.load
 
     @cached_property
     def _remainders(self) -> tuple[Array, Array]:
@@ -218,9 +271,9 @@ class Segment:
         width = 1 + self.layout.count
         return (_summed(residues[0], scale, known[0], width), _summed(residues[1], scale, known[1], width))
 
-    @cached_property
+    @property
     def inverse(self) -> Array:
-        """R⁻¹, (10, 10)."""
+        """R⁻¹, (10, 10); (10, more) with a load elsewhere."""
         return self._solved[0]
 
     @property
@@ -228,7 +281,7 @@ class Segment:
         """K (10, errors): errors p that are not subtracted move the estimate by K p."""
         return self.solution[:, 1:]
 
-    @cached_property
+    @property
     def solution(self) -> Array:
         """R⁻¹ z and K, (10, 1 + errors)."""
         return self._solved[1]
@@ -240,10 +293,27 @@ class Segment:
             last = self.__dict__["_mean"] = errors, self.solution[:, 0] - self.sensitivity @ errors
         return np.asarray(last[1])
 
+    def combination(self, errors: Array) -> Array:
+        """Factors of a block's columns whose sum is its residual b - A θ̂ - C p - Y φ̂, given errors p (errors,)."""
+        loads = np.zeros(len(self.below))
+        if self._load is not None:
+            loads[self._load.columns] = self._load.load.mean(errors)
+        return np.concatenate([-self.mean(errors), [1.0], -errors, -loads])
+
+    def by_errors(self, columns: Array) -> Array:
+        """What errors do to the residual of rows (..., columns): C - A K - Y K_φ, (..., errors)."""
+        end = 11 + self.layout.count
+        moved = columns[..., 11:end] - columns[..., :10] @ self.sensitivity
+        if self._load is not None:
+            moved = moved - columns[..., end + self._load.columns] @ self._load.load.sensitivity
+        return np.asarray(moved)
+
     @cached_property
     def _solved(self) -> tuple[Array, Array]:
+        if self._load is not None:
+            return self._load.trunk.inverse, self._load.trunk.solution
         inverse = lapack.dtrtri(self.triangle[:, :10])[0]
-        return inverse, inverse @ self.triangle[:, 10:]
+        return inverse, inverse @ self.triangle[:, 10 : 11 + self.layout.count]
 
 
 def _summed(residues: list[Array], scale: float, known: Array | None, width: int) -> Array:
@@ -253,14 +323,6 @@ def _summed(residues: list[Array], scale: float, known: Array | None, width: int
     stacked = np.concatenate(residues)
     total: Array = stacked.T @ stacked
     return total if known is None else total + scale * known
-
-
-def _folded(triangle: Array, columns: Array, root: float) -> tuple[Array, Array]:
-    """A triangle [R z G], multiplied by `root`, with the rows [A b C] added, and the rows [0 b C] that these leave."""
-    stacked = np.vstack([root * triangle, columns])
-    factor, scales, _, _ = lapack.dgeqrf(stacked[:, :10])
-    turned = lapack.dormqr("L", "T", factor, scales, stacked[:, 10:], 64 * stacked.shape[1])[0]
-    return np.hstack([np.triu(factor[:10]), turned[:10]]), turned[10:]
 
 
 def unit_of_rows(robot_weight: float, length: float) -> Array:
@@ -274,10 +336,11 @@ def unit_of_rows(robot_weight: float, length: float) -> Array:
     return np.asarray(unit * robot_weight * np.array([1.0, 1.0, 1.0, length, length, length]))
 
 
-def weighted(rows: BlockRows, unit: Array) -> WeightedRows:
-    """Scales rows to their `unit_of_rows`."""
+def weighted(rows: BlockRows, unit: Array, of_limbs: Array | None = None) -> WeightedRows:
+    """Scales rows to their `unit_of_rows`, and those of the limbs to theirs."""
     white = float((rows.white / unit**2).sum())
-    return WeightedRows(rows.time, rows.columns / unit[:, None], white, sliding=rows.swing.sliding)
+    limbs = None if rows.limbs is None or of_limbs is None else rows.limbs / of_limbs[:, None]
+    return WeightedRows(rows.time, rows.columns / unit[:, None], white, sliding=rows.swing.sliding, limbs=limbs)
 
 
 @dataclass(frozen=True, eq=False)

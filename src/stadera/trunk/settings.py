@@ -274,6 +274,7 @@ class TrunkSettings:
         explained: largest model error that is tried as an explanation of the residual, in prior standard deviations.
         doubtful, bad: misfit above which a result is doubtful, or bad, see `stadera.trust.Trust` [1].
         apart: standard deviations between a scale and the log, beyond which they contradict each other.
+        placed: probability above which a load is taken to be at one place and not another [1]: 19 to 1.
     """
 
     block: float = 0.02
@@ -298,6 +299,7 @@ class TrunkSettings:
     doubtful: float = 3.0
     bad: float = 9.0
     apart: float = 4.0
+    placed: float = 0.95
 
     def __post_init__(self) -> None:
         if not (0.01 <= self.block <= 0.2 and self.memory > 0.0 and self.changes.least_change >= 0.0):

@@ -78,7 +78,7 @@ class PoseMean:
 
     def takes(self, m: Measurement, alike: Alike) -> bool:
         """Adds a sample if it is similar and the same legs are in stance; returns whether it was added."""
-        up, k = m.up, len(self._extra) // 2
+        up, k = m.up, len(self._extra) // 3
         if _meant(m) != _meant(self._first) or (m.foot_position is None) != (self._feet is None):
             return False
         if float(np.abs(m.joint_position - self._q).max()) > alike.joint:

@@ -1,0 +1,154 @@
+"""Rows of the limbs besides the legs: what their joints carry, and what a load on any link does to all rows.
+
+With X_k the inertial wrench of link k as columns of its ten parameters (`stadera.body.kernel`), a body of parameters φ
+that is added to it changes
+
+    the trunk's rows:     A θ - (∂b/∂φ_k) φ + C p = b
+    a limb's joint j:     r_jᵀ X_k φ + I_r q̈ + b q̇ + c s + o + g τ ± √(1 - s²) p_s + Σ_i r_jᵀ X_i δφ_i = τ - h
+
+for all joints j between it and the trunk; δφ_i of masses and centres of the limb's own links. ∂b/∂φ_k are
+`State.columns`, which are -X_k for a link outside the legs, and r_j takes a wrench to the torque that joint j needs.
+So a hand that holds still tells by its arm's torques what it holds, and one that moves by the trunk's rows too.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stadera.body import Body, Motion, State
+from stadera.body.friction import direction
+from stadera.inertia import parameter_map
+from stadera.robot.limbs import Limbs, Place
+from stadera.robot.model import Robot
+from stadera.trunk.error_model import ErrorLayout
+from stadera.types import Array
+
+TERMS = ("limb_rotor", "limb_viscous", "limb_coulomb", "limb_offset", "limb_gain", "limb_stiction")
+"""Errors of a limb's joints, in the order of the sums."""
+
+
+@dataclass(frozen=True, eq=False)
+class LimbSums:
+    """Weighted sums over the samples of a block, in both halves of a window, of l joints and of links.
+
+    Attributes:
+        terms: (2, l, 6), of q̈, q̇, s, 1, τ and √(1 - s²). left: (2, l), of τ - h.
+        columns: (2, l, links, 10), of r_jᵀ X_k; zero unless joint j carries link k.
+    """
+
+    terms: Array
+    left: Array
+    columns: Array
+
+
+class LimbRows:
+    """Rows of a robot's limbs.
+
+    Args:
+        robot: the model. body: its tree, with the joints outside the legs only if the log has them.
+        places: links on which a load may be, besides the trunk; what is not in the body is not seen.
+        layout: places of the errors.
+
+    Attributes:
+        joints: (l,), places of the limbs' joints in the body.
+    """
+
+    def __init__(self, robot: Robot, body: Body, places: tuple[Place, ...], layout: ErrorLayout) -> None:
+        n, known = len(robot.tree.joints), len(body.joints)
+        limbs = [n + k for k in Limbs.of(robot).joints if n + k < known]
+        self.joints: NDArray[np.int64] = np.array(limbs, dtype=np.int64)
+        loaded = np.array([place.body if place.body < known else 0 for place in places], dtype=np.int64)
+        self._there = np.repeat([float(place.body < known) for place in places], 10)
+        self._links = np.concatenate([self.joints, loaded])
+        self._body, self._layout, self._places, self._loaded = body, layout, places, loaded
+        self._sliding = body.slides[self.joints][:, None]
+        self._carries = np.array([[_carried(body, k, j) for k in self._links] for j in self.joints], dtype=float)
+        self._carries = self._carries.reshape(len(self.joints), len(self._links))
+        poses = robot.extra.poses(robot.extra.reference) if robot.extra is not None else []
+        self._at_reference = np.array([parameter_map(*poses[k - n]) for k in self.joints])
+
+    def sums(self, weights: Array, motion: Motion, state: State, effort: Array, fitted: Array) -> LimbSums:
+        """Of a block of n samples.
+
+        Args:
+            weights: (2, n). effort: (n, l), of the limbs' joints; zero throughout where it is not known.
+            fitted: (n, l), velocities of which the direction of sliding is taken.
+        """
+        J, n, s = self.joints, len(effort), direction(fitted)
+        q, v = motion.acceleration[:, J], motion.velocity[:, J]
+        terms = np.stack([q, v, s, np.ones_like(s), effort, np.sqrt(np.maximum(1.0 - s * s, 0.0))], axis=-1)
+        origin, axis = state.origin[:, J], state.axis[:, J]
+        turning = np.concatenate([np.cross(origin, axis), axis], axis=2)
+        sliding = np.concatenate([axis, np.zeros_like(axis)], axis=2)
+        r = np.where(self._sliding, sliding, turning)
+        X = -state.columns[:, self._links]  # (n, links, 6, 10)
+        columns = np.matmul(r, X.transpose(0, 2, 1, 3).reshape(n, 6, 10 * len(self._links)))
+        known = np.any(effort != 0.0, axis=0).astype(float)
+        summed = (weights @ columns.reshape(n, 10 * len(J) * len(self._links))).reshape(2, len(J), len(self._links), 10)
+        return LimbSums(
+            np.einsum("hn,njt->hjt", weights, terms) * known[:, None],
+            weights @ (effort - state.torque[:, J]) * known,
+            summed * self._carries[:, :, None] * known[:, None, None],
+        )
+
+    def rows(self, first: LimbSums, second: LimbSums, by_mass_and_centre: Array) -> Array:
+        """Columns (l, 10 + 1 + errors + loads) of A, b, C and of what a load does, over two neighbouring blocks.
+
+        Args:
+            by_mass_and_centre: (links of the body, 10, 4), derivatives of each link's parameters.
+        """
+        layout, count = self._layout, len(self.joints)
+        terms, left = first.terms[0] + second.terms[1], first.left[0] + second.left[1]
+        columns = first.columns[0] + second.columns[1]
+        out = np.zeros((count, 11 + layout.count + 10 * len(self._places)))
+        out[:, 10], C, each = left, out[:, 11 : 11 + layout.count], np.arange(count)
+        for k, name in enumerate(TERMS):
+            C[each, layout.places[name].start + each] = terms[:, k]
+        self._own(C, np.einsum("jkp,kpd->jkd", columns[:, :count], by_mass_and_centre[self.joints]))
+        out[:, 11 + layout.count :] = columns[:, count:].reshape(count, -1)
+        return out
+
+    def add(self, columns: Array, A: Array, by_links: Array, by_mass_and_centre: Array) -> None:
+        """Writes what errors of the limbs' links and a load do to the trunk's rows.
+
+        The trunk contains the limbs' links at their reference, also what is wrong with them there. So only what these
+        errors do elsewhere is an error of the rows.
+
+        Args:
+            columns: (6, 10 + 1 + errors + loads), of the trunk's rows. A: (6, 10), of the signals as they are.
+            by_links: (links, 6, 10), sums of `State.columns`. by_mass_and_centre: as of `rows`.
+        """
+        end = 11 + self._layout.count
+        if len(self.joints):
+            effect = -(by_links[self.joints] + A @ self._at_reference) @ by_mass_and_centre[self.joints]  # (l, 6, 4)
+            self._own(columns[:, 11:end], effect.transpose(1, 0, 2))
+        columns[:, end:] = -by_links[self._loaded].transpose(1, 0, 2).reshape(6, -1) * self._there
+
+    def _own(self, C: Array, effect: Array) -> None:
+        """Writes the effect (rows, l, 4) of masses and centres of the limbs' links."""
+        C[:, self._layout.places["limb_mass"]] = effect[:, :, 0]
+        C[:, self._layout.places["limb_com"]] = effect[:, :, 1:].transpose(0, 2, 1).reshape(len(C), -1)
+
+
+def by_mass_and_centre(body: Body) -> Array:
+    """Derivatives (links, 10, 4) of each link's parameters φ by a share of all of them, and by a displacement of its
+    mass c without rotation: of m c by m, of I by m (2 c_i 1 - e_i cᵀ - c e_iᵀ).
+    """
+    out, unit = np.zeros((len(body.joints), 10, 4)), np.eye(3)
+    for k, phi in enumerate(body.parameters):
+        out[k, :, 0], c = phi, phi[1:4]
+        for i, axis in enumerate(unit):
+            tensor = 2.0 * c[i] * unit - np.outer(axis, c) - np.outer(c, axis)
+            out[k, 1 + i, 1 + i] = phi[0]
+            out[k, 4:, 1 + i] = tensor[np.triu_indices(3)]
+    return out
+
+
+def _carried(body: Body, link: int, joint: int) -> bool:
+    """True if a joint is between a link and the trunk."""
+    while link != joint and link < len(body.parents):
+        link = int(body.parents[link])
+    return link == joint

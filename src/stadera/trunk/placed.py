@@ -1,0 +1,172 @@
+"""Loads elsewhere than on the trunk: what rows tell of one on a given link, and how likely it is to be there.
+
+Before the load came, rows were summed up to R₀ θ + G₀ p = z₀, and since then to the triangle of
+`stadera.trunk.segment`. With Y the columns of those links of Q and L on which the load is, one least squares has all:
+
+    [ R₀     ] [θ]   [G₀]     [z₀]
+    [ R   Q_Y] [φ] + [G ] p = [z ]
+    [     L_Y]       [H ]     [y ]
+
+A load on the trunk has the columns R themselves. What remains after θ and φ are eliminated, E = |z'' - G'' p|², is
+compared between places. With p normally distributed about zero, of covariance Σ₀, and rows of variance σ²,
+
+    -2 ln P = min_p (E/σ² + pᵀ Σ₀⁻¹ p) + ln |1 + Σ₀ G''ᵀ G''/σ²| + 2 ln |R_φ|
+
+up to a constant, and with the same prior for the load wherever it is. σ² is the same for all places: that of the best
+one, times the number of rows that share one error.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.linalg import lapack
+
+from stadera.types import Array
+
+if TYPE_CHECKING:
+    from stadera.trunk.segment import RowMoments, Segment
+
+Blocks = tuple[int, ...]
+"""Where a load is: 0 for the trunk, k for the k-th place; two of them if it is held at both."""
+
+
+@dataclass(frozen=True, eq=False)
+class Held:
+    """A load at some places, and the trunk as it was before it came."""
+
+    at: Blocks
+    before: Segment
+
+
+@dataclass(frozen=True, eq=False)
+class Told:
+    """What rows tell of n unknowns.
+
+    Attributes:
+        inverse: (n, m), a root of their covariance by the rows' unit noise. solution: (n, 1 + errors), their values and
+            what errors do to them.
+        before: (n, changing), the part of that by rows before the load came, of errors that may have changed since.
+        sums: of the rows, of a trunk without a load elsewhere.
+    """
+
+    inverse: Array
+    solution: Array
+    before: Array
+    sums: RowMoments | None = None
+
+    @property
+    def sensitivity(self) -> Array:
+        """K (n, errors)."""
+        return self.solution[:, 1:]
+
+    def mean(self, errors: Array) -> Array:
+        """The unknowns (n,), given errors p̂ (errors,)."""
+        return np.asarray(self.solution[:, 0] - self.sensitivity @ errors)
+
+    def part(self, begin: int, end: int) -> Told:
+        """Some of the unknowns."""
+        return Told(self.inverse[begin:end], self.solution[begin:end], self.before[begin:end])
+
+    def plus(self, other: Told) -> Told:
+        """The sums of as many unknowns."""
+        return Told(self.inverse + other.inverse, self.solution + other.solution, self.before + other.before)
+
+
+@dataclass(frozen=True, eq=False)
+class TrunkAndLoad:
+    """What rows tell of the trunk and of a load, ten unknowns each; of a load held at two places, 20.
+
+    Attributes:
+        trunk, load: each alone. whole: both together, mass by mass.
+        left: (..., 1 + errors), rows that are left.
+        columns: places of the load's columns among those of all loads.
+        size: ln |R_φ|.
+    """
+
+    trunk: Told
+    load: Told
+    left: Array
+    columns: Array
+    size: float
+
+    @property
+    def whole(self) -> Told:
+        """All together."""
+        out = self.trunk
+        for begin in range(0, len(self.load.solution), 10):
+            out = out.plus(self.load.part(begin, begin + 10))
+        return out
+
+
+def told(since: Segment, held: Held) -> TrunkAndLoad:
+    """What the rows since a load came tell of it and of the trunk, together with those before."""
+    layout, T, below, before = since.layout, since.triangle, since.below, held.before
+    end, loads, count = 11 + layout.count, len(since.below), 10 + 10 * len(held.at)
+    of_trunk = np.vstack([T[:, :10], np.zeros((loads, 10))])
+    elsewhere = np.vstack([T[:, end:], below[:, :loads]])
+    columns = np.concatenate([10 * (k - 1) + np.arange(10) for k in held.at])
+    at = [of_trunk if k == 0 else elsewhere[:, 10 * (k - 1) : 10 * k] for k in held.at]
+    changing = np.concatenate([np.arange(place.start, place.stop) for place in layout.changing])
+    earlier = before.triangle[:, 10:end]
+    rows = np.vstack(
+        [
+            np.hstack([before.triangle[:, :10], np.zeros((10, count - 10)), earlier, earlier[:, 1 + changing]]),
+            np.hstack(
+                [of_trunk, *at, np.vstack([T[:, 10:end], below[:, loads:]]), np.zeros((10 + loads, len(changing)))]
+            ),
+        ]
+    )
+    triangle, left = folded(np.empty((0, rows.shape[1])), rows, 1.0, count)
+    inverse = lapack.dtrtri(triangle[:, :count])[0]
+    solved, width = inverse @ triangle[:, count:], 1 + layout.count
+    whole = Told(inverse, solved[:, :width], solved[:, width:])
+    size = float(np.log(np.abs(triangle.diagonal()[10:count])).sum())
+    return TrunkAndLoad(whole.part(0, 10), whole.part(10, count), left[:, :width], columns, size)
+
+
+def log_odds(since: Segment, before: Segment, places: Sequence[Blocks], covariance: Array, repeats: float) -> Array:
+    """ln P of a load at each of some places, up to a constant, (places,); see the module's text.
+
+    Args:
+        since: rows since the load came. before: those before it.
+        covariance: Σ₀ (errors, errors), of the errors before any row.
+        repeats: number of rows that share one error.
+    """
+    values, vectors = np.linalg.eigh(covariance)
+    root = vectors * np.sqrt(np.maximum(values, 0.0))
+    alone = since.with_load(None)
+    base = alone.remainder - alone.below[:, len(alone.below) :].T @ alone.below[:, len(alone.below) :]
+    found = [told(since, Held(at, before)) for at in places]
+    products = []
+    for each in found:
+        total = base + each.left.T @ each.left
+        normal, along = root.T @ total[1:, 1:] @ root, root.T @ total[1:, 0]
+        scales, turn = np.linalg.eigh(normal)
+        products.append((total[0, 0], np.maximum(scales, 0.0), (turn.T @ along) ** 2))
+
+    def energy(loud: float) -> list[float]:
+        return [square - float((along / (scales + loud)).sum()) for square, scales, along in products]
+
+    loud = repeats
+    for _ in range(2):
+        loud = repeats * max(min(energy(loud)) / max(since.count, 1.0), _QUIETEST)
+    spread = [float(np.log1p(scales / loud).sum()) for _, scales, _ in products]
+    sizes = [each.size for each in found]
+    return np.array([-0.5 * (e / loud + s) - z for e, s, z in zip(energy(loud), spread, sizes, strict=True)])
+
+
+_QUIETEST = 0.25  # as of `stadera.trunk.joint_errors`
+
+
+def folded(triangle: Array, columns: Array, root: float, unknowns: int) -> tuple[Array, Array]:
+    """A triangle [R z G], multiplied by `root`, with the rows [A b C] added, and the rows [b C] that these leave; R and
+    A have so many `unknowns`.
+    """
+    stacked = np.vstack([root * triangle, columns])
+    factor, scales, _, _ = lapack.dgeqrf(stacked[:, :unknowns])
+    turned = lapack.dormqr("L", "T", factor, scales, stacked[:, unknowns:], 64 * stacked.shape[1])[0]
+    return np.hstack([np.triu(factor[:unknowns]), turned[:unknowns]]), turned[unknowns:]

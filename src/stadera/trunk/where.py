@@ -1,0 +1,98 @@
+"""Where the load is: as its owner says, or the likeliest of trunk, torso, each limb's end, and two hands together."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from stadera.inertia import parameter_map
+from stadera.robot.limbs import Limbs, Place, place_of
+from stadera.robot.model import Robot
+from stadera.trunk.history import History
+from stadera.trunk.joint_errors import Errors
+from stadera.trunk.load import Payload, without_scale
+from stadera.trunk.placed import Blocks, Told, log_odds
+
+
+class Whereabouts:
+    """Places where a load may be, and how likely each is.
+
+    Args:
+        robot: the model. at: the link or frame on which the load is; None to compare places.
+
+    Attributes:
+        places: links besides the trunk, in the order of the rows' columns.
+        candidates: what is compared.
+        probability: (candidates,), of the present load; NaN where nothing tells.
+
+    Raises:
+        UnknownNameError: no such link or frame.
+    """
+
+    def __init__(self, robot: Robot, at: str | None = None) -> None:
+        limbs, n, extra = Limbs.of(robot), len(robot.tree.joints), robot.extra
+        self._trunk = Place(robot.trunk, -1, np.eye(3), np.zeros(3)) if at is None else place_of(robot, at)
+        self.places: tuple[Place, ...] = ()
+        self.candidates: tuple[Blocks, ...] = ((0,),)
+        if at is not None and self._trunk.body >= 0:
+            self.places, self.candidates = (self._trunk,), ((1,),)
+        elif at is None and extra is not None:
+            self.places = tuple(Place(extra.links[k], n + k, np.eye(3), np.zeros(3)) for k in limbs.ends)
+            own = {k: 1 + i for i, k in enumerate(limbs.ends)}
+            both = ((own[one], own[other]) for one, other in limbs.hands)
+            self.candidates = ((0,), *((k,) for k in own.values()), *both)
+        self.probability = np.full(len(self.candidates), np.nan)
+
+    def name(self, at: Blocks) -> str:
+        """The link or links of a place."""
+        return " + ".join(self._place(k).name for k in at)
+
+    def _place(self, k: int) -> Place:
+        return self.places[k - 1] if k else self._trunk
+
+    def look(self, history: History, errors: Errors, repeats: float, certain: float) -> bool:
+        """Compares the places by the rows since the present load came. Moves the load to the likeliest if that is
+        `certain`; returns whether it did.
+        """
+        since = history.since_load
+        if since is None or history.before is None or len(self.candidates) == 1:
+            return False
+        odds = log_odds(since, history.before, self.candidates, errors.prior, repeats)
+        share = np.exp(odds - odds.max())
+        self.probability = share / share.sum()
+        best = self.candidates[int(np.argmax(odds))]
+        if best == history.at or self.probability.max() < certain:
+            return False
+        history.move(best)
+        return True
+
+    def payload(self, load: Told, at: Blocks, errors: Errors, limit: float) -> Payload:
+        """The load at a place, in the frame of its link; of one at two links, the mass.
+
+        Args:
+            limit: as of `Payload.of_parameters` [m].
+        """
+        covariance, mean, by_scale = (
+            errors.load_covariance(load),
+            load.mean(errors.mean),
+            errors.by_scale(load.sensitivity),
+        )
+        if len(at) > 1:
+            both = np.tile(np.eye(10), len(at))
+            vector, spread = both @ mean, both @ covariance @ both.T
+            found = Payload(float(vector[0]), float(np.sqrt(spread[0, 0])), np.full(3, np.nan), np.full((3, 3), np.nan))
+            alone = without_scale(spread[0, 0], float((both @ by_scale)[0]))
+        else:
+            place = self._place(at[0])
+            turn = place.rotation.T
+            to_frame = parameter_map(turn, -turn @ place.translation)
+            found = Payload.of_parameters(to_frame @ mean, to_frame @ covariance @ to_frame.T, limit)
+            alone = without_scale(covariance[0, 0], by_scale[0])
+        return self.said(replace(found, mass_std_without_scale=alone), at)
+
+    def said(self, payload: Payload, at: Blocks) -> Payload:
+        """With where it is."""
+        known = zip(self.candidates, self.probability.tolist(), strict=True)
+        shares = {self.name(place): share for place, share in known if np.isfinite(share)}
+        return replace(payload, at=self.name(at), places=shares)
