@@ -229,9 +229,9 @@ class ContactForceEstimator:
         return self._last[1]
 
     def _at(self, m: Measurement) -> ContactForces:
-        body, k, q, v = self.body, len(m.extra) // 2, m.joint_position, m.joint_velocity
+        body, k, q, v = self.body, len(m.extra) // 3, m.joint_position, m.joint_velocity
         if k:
-            body, q, v = self._whole, np.append(q, m.extra[:k]), np.append(v, m.extra[k:])
+            body, q, v = self._whole, np.append(q, m.extra[:k]), np.append(v, m.extra[k : 2 * k])
         still, rest, J = np.zeros((1, len(q))), np.zeros((1, 3)), body.in_legs
         motion = Motion(q[None], v[None], still, m.angular_velocity[None], rest, m.force_at_origin[None], m.up)
         feet = body.at(motion).feet[0]
