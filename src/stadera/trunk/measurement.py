@@ -42,8 +42,8 @@ class Measurement:
         vertical_by_forces: True if there is no IMU. Then `specific_force` is gravity along the vertical estimated from
             the feet's forces (`stadera.trunk.standing.forces`), valid at rest only, and `angular_velocity` is zero.
         lever: (3,) [m], position of the IMU in the trunk frame.
-        extra: (3 k,), positions, velocities and efforts of the robot's k joints outside the legs; empty if they rest at the
-            robot's reference.
+        extra: (3 k,), positions, velocities and efforts of the robot's k joints outside the legs; empty if they rest
+            at the robot's reference.
     """
 
     time: float
@@ -136,7 +136,7 @@ def measurements_of(
 
 
 def extra_states(recording: Recording, robot: Robot) -> Array:
-    """Positions, velocities and efforts of the joints outside the legs, (samples, 3 k); (samples, 0) if there are none."""
+    """Positions, velocities and efforts of the joints outside the legs, (samples, 3 k), or (samples, 0)."""
     if robot.extra is None:
         return np.zeros((len(recording), 0))
     return robot.extra.states(recording.others, len(recording))

@@ -34,8 +34,8 @@ class Samples:
         position, velocity, effort: (n, joints) [rad, rad/s, N·m], in the tree's order.
         angular_velocity: (n, 3) [rad/s].
         specific_force: (n, 3) [m/s²], at the IMU's place.
-        extra: (n, 3 k), positions, velocities and efforts of the k joints outside the legs, zero efforts where not known;
-            (n, 0) if they do not move.
+        extra: (n, 3 k), positions, velocities and efforts of the k joints outside the legs, zero efforts where not
+            known; (n, 0) if they do not move.
 
     Raises:
         RecordingError: shapes that do not fit together.
