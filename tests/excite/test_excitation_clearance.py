@@ -165,7 +165,7 @@ def test_ground_too_near_says_how_much_to_raise_the_trunk(hyq: Robot) -> None:
 
 def test_map_is_exact_at_its_poses_and_never_promises_more_once_lowered(hyq: Robot) -> None:
     bounds = LegBounds.of(hyq, "RH")
-    table = ClearanceMap.of(bounds.clearance, bounds.lower, bounds.upper, points=6)
+    table = ClearanceMap.of(bounds.clearance, bounds.lower, bounds.upper, most=216)
     axes = [np.linspace(a, b, 6) for a, b in zip(bounds.lower, bounds.upper, strict=True)]
     nodes = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
     np.testing.assert_allclose(table.slack(nodes), bounds.clearance.slack(nodes), atol=1e-9)

@@ -79,6 +79,17 @@ def test_tight_limits_bind_and_hold(hyq: Robot) -> None:
     assert fastest.max() > 0.8 * 0.7 * 1.5
 
 
+def test_a_leg_of_six_joints_is_designed_as_well() -> None:
+    robot = robot_named("g1")
+    search = FourierSearch(harmonics=3, samples=24, starts=1, iterations=10, penalties=(200.0,))
+    found = excite(robot, "left", ExciteSettings(duration=20.0, draws=1, search=search))
+    motion, bounds = found.chosen.motion.sample(50.0).motion, found.experiment.bounds
+    assert motion.position.shape[1] == 6
+    assert bounds.excess(motion) < 1e-9
+    assert bounds.clearance.slack(motion.position[::25]).min() > -1e-9
+    assert found.chosen.gain > found.draws[0].gain
+
+
 def test_starts_and_ends_at_rest_in_the_stance(designed: tuple[Robot, Excitation]) -> None:
     robot, found = designed
     table = motion_table(robot, found.chosen.motion.sample(200.0))

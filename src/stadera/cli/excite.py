@@ -26,7 +26,7 @@ class Player(StrEnum):
 @grouped
 def excite(
     robot: RobotName,
-    leg: Annotated[str | None, option("RH", "A leg in the air: LF, RF, LH or RH, in any case.")] = None,
+    leg: Annotated[str | None, option("RH", "A leg in the air, by its name in any case.")] = None,
     trunk: Annotated[bool, flag("The trunk of a standing robot, to weigh its payload.", "--trunk")] = False,
     out: Annotated[Path | None, option("FILE", "Write the motion as a table, .csv or .parquet, or a script.")] = None,
     player: Annotated[Player, typer.Option("--for", help="With --trunk, what plays --out.")] = Player.csv,

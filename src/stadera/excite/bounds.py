@@ -38,15 +38,15 @@ class Margins:
 
 @dataclass(frozen=True, eq=False)
 class LegBounds:
-    """Bounds on one leg's three joints with the trunk held level; margins are already subtracted."""
+    """Bounds on one leg's joints with the trunk held level; margins are already subtracted."""
 
     robot: Robot
     leg: str
-    rest: Array  # (3,) [rad], the pose at the start and the end
-    lower: Array  # (3,) [rad]; the rest pose is within
-    upper: Array  # (3,) [rad]
-    velocity: Array  # (3,) [rad/s], infinite if the model states none
-    effort: Array  # (3,) [N·m], infinite if the model states none
+    rest: Array  # (n,) [rad], the pose at the start and the end
+    lower: Array  # (n,) [rad]; the rest pose is within
+    upper: Array  # (n,) [rad]
+    velocity: Array  # (n,) [rad/s], infinite if the model states none
+    effort: Array  # (n,) [N·m], infinite if the model states none
     clearance: Clearance  # from trunk, other legs, the leg itself and the ground
 
     @classmethod
@@ -58,7 +58,7 @@ class LegBounds:
         margins: Margins | None = None,
         ground: float | None = None,
     ) -> LegBounds:
-        """Computes the bounds of a robot's leg around a rest pose (3,) [rad], None for the nominal stance, above a
+        """Computes the bounds of a robot's leg around a rest pose (n,) [rad], None for the nominal stance, above a
         level ground at a height in the trunk frame [m], None for none.
 
         Raises:
@@ -91,7 +91,7 @@ class LegBounds:
 
     @property
     def ranges(self) -> Array:
-        """Ranges of the joint limits, at most one turn, (3,) [rad]."""
+        """Ranges of the joint limits, at most one turn, (n,) [rad]."""
         limits = [self.robot.limits[joint] for joint in self.joints]
         return np.array([min(limit.upper - limit.lower, _WHOLE_TURN) for limit in limits])
 
@@ -104,12 +104,12 @@ class LegBounds:
         return regressor, {f"{of}.{name}": v for of, terms in (bodies | joints).items() for name, v in terms.items()}
 
     def torque(self, motion: JointMotion) -> Array:
-        """Torque of the motion predicted by the prior model, friction included, (samples, 3) [N·m]."""
+        """Torque of the motion predicted by the prior model, friction included, (samples, n) [N·m]."""
         regressor, values = self._model
         return regressor.predict(motion, values)
 
     def gravity_torque(self, position: Array) -> Array:
-        """Torque that holds poses (samples, 3), predicted by the prior model, (samples, 3) [N·m]."""
+        """Torque that holds poses (samples, n), predicted by the prior model, (samples, n) [N·m]."""
         still = np.zeros_like(position)
         return self.torque(JointMotion(position, still, still))
 

@@ -50,7 +50,7 @@ class Clearance:
 
     @classmethod
     def of(cls, robot: Robot, leg: str, rest: ArrayLike, margin: float = 0.0, ground: float | None = None) -> Clearance:
-        """Collects the surroundings of a robot's leg at a rest pose (3,) [rad], the other legs in the nominal stance;
+        """Collects the surroundings of a robot's leg at a rest pose (n,) [rad], the other legs in the nominal stance;
         margin and height of a level ground in the trunk frame in [m].
 
         Raises:
@@ -73,7 +73,7 @@ class Clearance:
         return cls(tree, moving, still, pairs, ground, margin, notes)
 
     def distance(self, position: Array) -> Array:
-        """Least distance to any body at poses (samples, 3) [rad], (samples,) [m]; above `far` a lower bound of it."""
+        """Least distance to any body at poses (samples, n) [rad], (samples,) [m]; above `far` a lower bound of it."""
         return self._least(position, kept=False)
 
     def slack(self, position: Array) -> Array:
@@ -99,7 +99,7 @@ class Clearance:
         return least
 
     def pair_distances(self, position: Array) -> Iterator[Array]:
-        """Distance of each pair at poses (samples, 3) [rad], (samples,) [m]; above `far` a lower bound of it."""
+        """Distance of each pair at poses (samples, n) [rad], (samples,) [m]; above `far` a lower bound of it."""
         measure = _Measure(self, *self._poses(position))
         return (measure(pair, np.full(len(position), self.far)) for pair in self.pairs)
 
@@ -151,33 +151,39 @@ class _Measure:
 class ClearanceMap:
     """Clearance tabulated over a box of poses and interpolated linearly: fast but approximate."""
 
-    lower: Array  # (3,) [rad], of the grid
-    step: Array  # (3,) [rad]
-    values: Array  # (points, points, points) [m]
+    lower: Array  # (n,) [rad], of the grid
+    step: Array  # (n,) [rad]
+    values: Array  # (points, points, ...) [m], an axis for each joint
 
     @classmethod
-    def of(cls, clearance: Clearance, lower: Array, upper: Array, points: int = 15) -> ClearanceMap:
-        """Tabulates the box from `lower` to `upper`, (3,) each [rad], with `points` along each joint."""
-        axes = [np.linspace(low, high, points) for low, high in zip(lower, upper, strict=True)]
-        poses = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-        step = np.maximum((upper - lower) / (points - 1), 1e-9)
-        return cls(lower, step, clearance.slack(poses).reshape((points,) * 3))
+    def of(cls, clearance: Clearance, lower: Array, upper: Array, most: int = 3400) -> ClearanceMap:
+        """Tabulates the box from `lower` to `upper`, (n,) each [rad], in at most so many poses."""
+        poses, shape = poses_between(lower, upper, most)
+        step = np.maximum((upper - lower) / (np.array(shape) - 1), 1e-9)
+        return cls(lower, step, clearance.slack(poses).reshape(shape))
 
     def slack(self, position: Array) -> Array:
-        """`Clearance.slack` for poses (samples, 3) [rad], (samples,) [m]; outside the box that of its nearest pose."""
+        """`Clearance.slack` for poses (samples, n) [rad], (samples,) [m]; outside the box that of its nearest pose."""
         at = ((position - self.lower) / self.step).T
         return np.asarray(map_coordinates(self.values, at, order=1, mode="nearest"))
 
     def lowered(self, position: Array, slack: Array) -> ClearanceMap:
-        """Returns the table lowered around poses (samples, 3) until it is not above `slack` (samples,) there."""
+        """Returns the table lowered around poses (samples, n) until it is not above `slack` (samples,) there."""
         last = np.array(self.values.shape) - 2
         cell = np.clip(np.floor((position - self.lower) / self.step).astype(int), 0, last)
         excess = np.maximum(self.slack(position) - slack, 0.0)
         values = self.values.copy()
-        for corner in np.ndindex(2, 2, 2):
+        for corner in np.ndindex(*[2] * values.ndim):
             at = tuple((cell + corner).T)
             np.minimum.at(values, at, self.values[at] - excess)
         return replace(self, values=values)
+
+
+def poses_between(lower: Array, upper: Array, most: int) -> tuple[Array, tuple[int, ...]]:
+    """A grid of at most so many poses (k, n) in a box, its corners included, and its shape."""
+    points = max(int(most ** (1.0 / len(lower)) + 1e-9), 2)
+    axes = [np.linspace(low, high, points) for low, high in zip(lower, upper, strict=True)]
+    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(lower)), (points,) * len(lower)
 
 
 def _with_foot(leg: Leg, shapes: list[Shape]) -> Iterator[Shape]:
@@ -185,10 +191,10 @@ def _with_foot(leg: Leg, shapes: list[Shape]) -> Iterator[Shape]:
     yield from shapes
     foot = np.asarray(leg.foot_position)
     near = (
-        np.linalg.norm(s.translation - foot) < 1e-3 for s in shapes if s.kind == "sphere" and s.link == leg.links[2]
+        np.linalg.norm(s.translation - foot) < 1e-3 for s in shapes if s.kind == "sphere" and s.link == leg.links[-1]
     )
     if not any(near):
-        yield Shape(leg.links[2], "sphere", (leg.foot_radius,), np.eye(3), foot)
+        yield Shape(leg.links[-1], "sphere", (leg.foot_radius,), np.eye(3), foot)
 
 
 def _standing(robot: Robot, links: list[str]) -> Iterator[Shape]:

@@ -80,20 +80,15 @@ def excite(
 
     Args:
         robot: a robot with limits and a prior (CAD) model, its name, or a path to a URDF or MJCF.
-        leg: its name, LF, RF, LH or RH of a quadruped; of three joints.
+        leg: its name.
         progress: called with the step's name, items done and total.
 
     Raises:
         UnknownNameError: no such robot or leg.
         ModelError: the model file cannot be read, or the robot has no nominal stance.
-        IdentificationError: the leg has no room to move, is too close to the ground, or has other than three joints.
+        IdentificationError: the leg has no room to move, or is too close to the ground.
     """
     robot, settings = load_robot(robot), settings or ExciteSettings()
-    if (joints := len(robot.leg(leg).joints)) != 3:
-        raise IdentificationError(
-            f"an excitation is designed for legs of three joints; {leg} of {robot.name} has {joints}: hang it up "
-            "and move its joints as far and as fast as possible, several at a time"
-        )
     report = progress or (lambda what, done, total: None)
     ground = None if settings.stand_height is None else -settings.stand_height
     bounds = LegBounds.of(robot, leg, margins=settings.margins, ground=ground)

@@ -22,7 +22,7 @@ from stadera.types import Array
 
 @dataclass(frozen=True, eq=False)
 class FourierSeries:
-    """Motions of a leg parametrised by x (3 (2K + 1),): o, then a, then b, each joint by joint.
+    """Motions of a leg parametrised by x (n (2K + 1),): o, then a, then b, each joint by joint.
 
     x is in units of half the width of the position bounds, with o measured from their middle: |o| ≤ 1 is within them.
     """
@@ -36,7 +36,7 @@ class FourierSeries:
     @property
     def unknowns(self) -> int:
         """Length of x."""
-        return 3 * (2 * self.harmonics + 1)
+        return len(self.bounds.joints) * (2 * self.harmonics + 1)
 
     @property
     def fade(self) -> float:
@@ -50,7 +50,7 @@ class FourierSeries:
 
     @cached_property
     def half(self) -> Array:
-        """Half the width of the position bounds, (3,) [rad]."""
+        """Half the width of the position bounds, (n,) [rad]."""
         half = 0.5 * (self.bounds.upper - self.bounds.lower)
         if not (half > 1e-3).all():
             raise IdentificationError(f"leg {self.bounds.leg}: a joint has no room to move within its bounds")
@@ -68,19 +68,20 @@ class FourierSeries:
         return w * c, dw * c + w * dc, ddw * c + 2.0 * dw * dc + w * ddc
 
     def coefficients(self, x: Array) -> Array:
-        """(o - q_0, a, b) of each row of x (batch, unknowns), (batch, 1 + 2K, 3) [rad]."""
-        swings = x[:, 3:].reshape(len(x), 2, 3, self.harmonics).transpose(0, 1, 3, 2)
-        out = np.empty((len(x), 1 + 2 * self.harmonics, 3))
-        out[:, 0] = self.half * x[:, :3] + self._middle - self.bounds.rest
-        out[:, 1:] = self.half * swings.reshape(len(x), -1, 3)
+        """(o - q_0, a, b) of each row of x (batch, unknowns), (batch, 1 + 2K, n) [rad]."""
+        n = len(self.bounds.joints)
+        swings = x[:, n:].reshape(len(x), 2, n, self.harmonics).transpose(0, 1, 3, 2)
+        out = np.empty((len(x), 1 + 2 * self.harmonics, n))
+        out[:, 0] = self.half * x[:, :n] + self._middle - self.bounds.rest
+        out[:, 1:] = self.half * swings.reshape(len(x), -1, n)
         return out
 
     def motion(self, x: Array) -> Sinusoids:
         """The same motion as sinusoids: a sin + b cos = √(a² + b²) sin(· + atan2(b, a))."""
-        K = self.harmonics
+        K, n = self.harmonics, len(self.bounds.joints)
         constant, *swings = self.coefficients(x[None])[0]
-        a, b = np.array(swings).reshape(2, K, 3).transpose(0, 2, 1)
-        frequency = np.broadcast_to(np.arange(1, K + 1) / self.period, (1, 3, K))
+        a, b = np.array(swings).reshape(2, K, n).transpose(0, 2, 1)
+        frequency = np.broadcast_to(np.arange(1, K + 1) / self.period, (1, n, K))
         return Sinusoids(
             joints=self.bounds.joints,
             rest=self.bounds.rest,

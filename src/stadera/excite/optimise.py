@@ -112,9 +112,10 @@ class _Problem:
     def start(self, rng: np.random.Generator) -> Array:
         """A small motion around a random clear pose."""
         bounds = self.experiment.bounds
-        poses = rng.uniform(-0.7, 0.7, (self.search.poses, 3))
+        joints = len(bounds.joints)
+        poses = rng.uniform(-0.7, 0.7, (self.search.poses, joints))
         clear = self.clearance.slack(0.5 * (bounds.lower + bounds.upper) + self.series.half * poses)
-        swings = rng.normal(0.0, 0.2 / self.series.harmonics, self.series.unknowns - 3)
+        swings = rng.normal(0.0, 0.2 / self.series.harmonics, self.series.unknowns - joints)
         return np.concatenate((poses[int(np.argmax(clear > 0.5 * clear.max()))], swings))
 
     def solve(self, start: Array, penalties: tuple[float, ...], report: Progress) -> Array:
@@ -160,11 +161,11 @@ class _Problem:
         bounds, batch = self.experiment.bounds, len(x)
         coefficients = self.series.coefficients(x)
         q, dq, ddq = (basis @ coefficients for basis in self._basis)
-        motion = JointMotion(*(v.reshape(-1, 3) for v in (bounds.rest + q, dq, ddq)))
+        motion = JointMotion(*(v.reshape(-1, len(bounds.joints)) for v in (bounds.rest + q, dq, ddq)))
         gram, torque = self._gram_and_torque(motion, batch)
         gain = 0.5 * np.linalg.slogdet(np.eye(gram.shape[1]) + gram)[1]
         path = bounds.rest + self._dense_basis @ coefficients
-        slack = self.clearance.slack(path.reshape(-1, 3)).reshape(batch, -1, 1)
+        slack = self.clearance.slack(path.reshape(-1, len(bounds.joints))).reshape(batch, -1, 1)
         middle = 0.5 * (bounds.lower + bounds.upper) - bounds.rest
         shares = (
             np.abs(q - middle) / self.series.half,
@@ -176,13 +177,13 @@ class _Problem:
         return gain, np.sum(over, axis=0)
 
     def _gram_and_torque(self, motion: JointMotion, batch: int) -> tuple[Array, Array]:
-        """Sᵀ Yᵀ Σ⁻¹ Y S over the whole duration (batch, n, n), and the predicted torque (batch, samples, 3) [N·m]."""
+        """Sᵀ Yᵀ Σ⁻¹ Y S over the whole duration (batch, n, n), and the predicted torque (batch, samples, n) [N·m]."""
         experiment = self.experiment
         columns, prior = experiment.regressor.columns, experiment.prior
         counts = experiment.rate * self._quadrature[1]
         gram = np.zeros((batch, len(columns), len(columns)))
-        torque = np.empty((batch, len(counts), 3))
-        for k, row in enumerate(experiment.regressor.rows(motion, np.zeros((len(motion), 3)))):
+        torque = np.empty((batch, len(counts), motion.position.shape[1]))
+        for k, row in enumerate(experiment.regressor.rows(motion, np.zeros_like(motion.position))):
             picks = [columns.index(name) for name in row.columns]
             torque[..., k] = row.predict(prior.values[picks]).reshape(batch, -1)
             Y = row.matrix.T.reshape(len(picks), batch, -1).transpose(1, 0, 2) * (np.sqrt(counts) / experiment.noise[k])

@@ -6,18 +6,21 @@ to π. The origins are poses with the largest changes of the gravity torque: on 
 full amplitude, each next one is the pose whose gravity torque in the CAD model, each joint's in units of its spread, is
 farthest from those already chosen, starting with the rest pose (farthest-point sampling). The paper does not state the
 number and duration of the origins; here six of equal duration are used, with fades of two seconds. On other robots
-amplitudes are the same share of the joint ranges as the paper's of HyQ's (95°, 120°, 120°).
+amplitudes are the same share of the joint ranges as the paper's of HyQ's (95°, 120°, 120°), of joints beyond the third
+as the third's.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 
 from stadera.constants import ROUNDING
 from stadera.errors import IdentificationError, require_positive
 from stadera.excite.bounds import LegBounds
+from stadera.excite.clearance import poses_between
 from stadera.excite.sinusoids import Sinusoids
 from stadera.robot.model import Robot
 from stadera.types import Array, Bools
@@ -36,7 +39,7 @@ class DrawSettings:
     segment: float = 10.0  # least time at one origin [s], a few periods of the slowest sinusoid
     fade: float = 2.0  # longest time from one origin to the next [s]
     amplitude: float = 0.25  # largest amplitude, as a share of the reach [1], which leaves room to shift origins
-    candidates: int = 9  # origins tried along each joint
+    candidates: int = 729  # largest number of origins tried
     choice: int = 8  # least number of candidates for each origin, if few are clear
 
     def __post_init__(self) -> None:
@@ -62,8 +65,9 @@ def paper_draw(
     check_duration(duration)
     count = int(np.clip(duration // settings.segment, 1, settings.origins))
     fade = min(settings.fade, duration / (2 * count + 1))
-    shape = (count, 3, 1)
-    largest = np.minimum(_AMPLITUDE_SHARES * bounds.ranges, settings.amplitude * (bounds.upper - bounds.lower))
+    joints = len(bounds.joints)
+    shape, shares = (count, joints, 1), _AMPLITUDE_SHARES[np.minimum(np.arange(joints), 2)]
+    largest = np.minimum(shares * bounds.ranges, settings.amplitude * (bounds.upper - bounds.lower))
     frequencies = rng.uniform(*FREQUENCIES, shape)
     phases = rng.uniform(0.0, np.pi, shape)
     amplitudes = rng.uniform(0.0, 1.0, shape) * largest[:, None]
@@ -74,11 +78,9 @@ def paper_draw(
 
 
 def gravity_shifting_poses(bounds: LegBounds, room: Array, count: int, settings: DrawSettings | None = None) -> Array:
-    """Poses with the most different gravity torques, (count, 3) [rad], `room` (3,) inside the position bounds."""
+    """Poses with the most different gravity torques, (count, n) [rad], `room` (n,) inside the position bounds."""
     settings = settings or DrawSettings()
-    ends = zip(bounds.lower + room, bounds.upper - room, strict=True)
-    axes = [np.linspace(low, high, settings.candidates) for low, high in ends]
-    poses = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    poses, _ = poses_between(bounds.lower + room, bounds.upper - room, settings.candidates)
     torque = bounds.gravity_torque(poses)
     held = (np.abs(torque) <= bounds.effort).all(axis=1)
     if not held.any():
@@ -98,8 +100,9 @@ def gravity_shifting_poses(bounds: LegBounds, room: Array, count: int, settings:
 
 def _most_clear(poses: Array, room: Array, bounds: LegBounds, least: int) -> Bools:
     """Selects poses that are clear within `room` around them; if fewer than `least`, the nearest to it."""
-    about = np.stack(np.meshgrid(*([(-1.0, 0.0, 1.0)] * 3), indexing="ij"), axis=-1).reshape(-1, 3) * room
-    slack = bounds.clearance_map.slack((poses[:, None] + about).reshape(-1, 3)).reshape(len(poses), -1).min(axis=1)
+    slack = np.full(len(poses), np.inf)
+    for about in product((-1.0, 0.0, 1.0), repeat=len(room)):
+        slack = np.minimum(slack, bounds.clearance_map.slack(poses + np.array(about) * room))
     return np.asarray(slack >= min(0.0, np.sort(slack)[-min(least, len(slack))]))
 
 

@@ -187,7 +187,7 @@ _UNITS = {
 
 @dataclass(frozen=True, eq=False)
 class Peaks:
-    """Extremes of a motion, (3,) each."""
+    """Extremes of a motion, (n,) each."""
 
     lower: Array  # least position [rad]
     upper: Array  # largest position [rad]

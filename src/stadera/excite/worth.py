@@ -34,15 +34,16 @@ class LegExperiment:
     """A leg on a held trunk and its sensors."""
 
     bounds: LegBounds  # of the leg
-    noise: Array  # (3,) [N·m], standard deviation of one torque sample, independent from sample to sample
+    noise: Array  # (n,) [N·m], standard deviation of one torque sample, independent from sample to sample
     rate: float = 1000.0  # sampling rate of the log [Hz]
     # joint-side terms identified together with the rigid bodies
     friction: FrictionModel = field(default_factory=FrictionModel.full)
 
     def __post_init__(self) -> None:
         noise = np.asarray(self.noise, dtype=float)
-        if noise.shape != (3,) or not (np.isfinite(noise).all() and (noise > 0).all()):
-            raise IdentificationError(f"torque noise needs three positive numbers [N·m], got {noise.tolist()}")
+        count = len(self.bounds.joints)
+        if noise.shape != (count,) or not (np.isfinite(noise).all() and (noise > 0).all()):
+            raise IdentificationError(f"torque noise needs {count} positive numbers [N·m], got {noise.tolist()}")
         positive("a sampling rate", self.rate, "Hz", IdentificationError)
         object.__setattr__(self, "noise", noise)
 
@@ -52,7 +53,7 @@ class LegExperiment:
     ) -> LegExperiment:
         """Torque noise as shares of each joint's effort limit, or of its largest gravity torque if it has none."""
         limits = np.array([bounds.robot.limits[joint].effort for joint in bounds.joints])
-        poses = np.random.default_rng(0).uniform(bounds.lower, bounds.upper, (_POSES, 3))
+        poses = np.random.default_rng(0).uniform(bounds.lower, bounds.upper, (_POSES, len(bounds.joints)))
         gravity = np.abs(bounds.gravity_torque(poses)).max(axis=0)
         return cls(bounds, np.where(np.isfinite(limits), noise * limits, noise_of_gravity * gravity), rate)
 
@@ -85,10 +86,11 @@ class LegExperiment:
     def structure(self) -> Observability:
         """Observability under the richest motion without noise, whose combinations are identifiable at best."""
         rng = np.random.default_rng(0)
-        position = rng.uniform(self.bounds.lower, self.bounds.upper, (_POSES, 3))
-        motion = JointMotion(position, *rng.normal(0.0, (2.0, 10.0), (_POSES, 3, 2)).transpose(2, 0, 1))
+        shape = _POSES, len(self.bounds.joints)
+        position = rng.uniform(self.bounds.lower, self.bounds.upper, shape)
+        motion = JointMotion(position, *rng.normal(0.0, (2.0, 10.0), (*shape, 2)).transpose(2, 0, 1))
         return observability(self._information(motion, 1e-6 * self.noise), self.prior)
 
     def _information(self, motion: JointMotion, noise: Array) -> Information:
-        torque = np.zeros((len(motion), 3))
+        torque = np.zeros_like(motion.position)
         return Information.of(self.regressor.rows(motion, torque, std=noise), self.regressor.columns)
