@@ -15,14 +15,16 @@ from on_zenoh import LOADED_AT, arrivals
 import bags
 from bags import Sent
 from logs_to_play import LOAD
+from stadera import IdentificationError
 from stadera.live import LiveSession, LiveState
 from stadera.live.keys import Sent as Attached
 from stadera.live.topics import Arrival
 from stadera.logs import Recording, Topics
 from stadera.logs.bags.unitree import motor_names
 from stadera.report.live import live_lines
-from stadera.robot import Robot
+from stadera.robot import Robot, load_robot
 from stadera.robot.imu import ImuMount
+from stadera.trunk.memory import Memory
 from stadera.weigh.weigh import weigh
 
 TARE = 2.0  # s
@@ -107,6 +109,26 @@ def goes_on(session: LiveSession, messages: list[Arrival], until: float) -> Live
 @pytest.fixture(scope="module")
 def unloaded(ros: list[Sent]) -> list[Arrival]:
     return arrivals([m for m in ros if m.received < 2_000_000_000])
+
+
+def test_what_was_learnt_of_a_robot_is_remembered(robot: Robot, unloaded: list[Arrival]) -> None:
+    session = LiveSession(robot, memory=Memory.none(robot))
+    assert session.remembered()[0] is None
+    fed(session, unloaded)
+    first, said = session.remembered()
+    assert first is not None, said
+    assert first.logs == 1
+    assert first.days > 2e4  # days since 1970
+    again = LiveSession(robot, memory=first)
+    fed(again, unloaded)
+    second, said = again.remembered()
+    assert second is None
+    assert "already" in said
+    assert session.estimator is not None
+    assert again.estimator is not None
+    assert again.estimator.trunk.mass_std <= session.estimator.trunk.mass_std
+    with pytest.raises(IdentificationError, match="another model"):
+        LiveSession(load_robot("go2"), memory=Memory.none(load_robot("hyq")))
 
 
 def test_nothing_yet_names_what_is_seen(robot: Robot) -> None:

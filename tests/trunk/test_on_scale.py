@@ -15,7 +15,7 @@ from stadera.logs import Recording
 from stadera.trunk import Samples
 from stadera.trunk.error_model import ErrorModel
 from stadera.trunk.joint_errors import Errors
-from stadera.trunk.outside import Correction, on_scale
+from stadera.trunk.outside import Correction, Knowledge
 from stadera.trunk.segment import Segment, WeightedRows
 from stadera.trunk.settings import ModelErrors, SwingDetection
 from stadera.trunk.swing import SwingJoints
@@ -42,7 +42,9 @@ def test_it_is_gaussian_conditioning() -> None:
     )
     then, now, links = summed(1), summed(2), np.zeros(ERRORS)
     links[PLACES["link_mass"]] = 2.0
-    told = Correction([on_scale(50.0, 0.3, links, then)], errors, now)
+    told = Correction(
+        [Knowledge("", np.array([50.0]), np.array([[0.3**2]]), links[None], ((then, np.eye(1, 10)),))], errors, now
+    )
     # unknowns: lasting errors, changing errors then and now, noise then and now
     changing = np.zeros(ERRORS, dtype=bool)
     changing[PLACES["regression"]] = changing[PLACES["stiction"]] = True

@@ -22,16 +22,23 @@ PLACE, LOAD = (0.05, 0.0, 0.15), 8.0
 
 
 @pytest.fixture(scope="module")
-def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A walk with a load from 3 s on, the torques of all joints 4 % too large."""
+def logs(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """Walks with a load from 3 s on, the torques of all joints 4 % too large."""
     load = InertialParameters.from_com(LOAD, PLACE, 0.1 * np.eye(3))
-    walk = walked(HYQ, Walk(seconds=6.0, rate_hz=500.0, load=load, loaded_at=3.0))
-    made = recorded(HYQ, walk, STANDARD, 2)
-    scaled = made.mapped(lambda name, values: 1.04 * values if name == "effort" else values)
-    return write_table(scaled, tmp_path_factory.mktemp("known") / "walk.csv")
+    folder = tmp_path_factory.mktemp("known")
+    walks = [walked(HYQ, Walk(seconds=t, rate_hz=500.0, load=load, loaded_at=3.0)) for t in (6.0, 6.5)]
+    made = [recorded(HYQ, walk, STANDARD, 2) for walk in walks]
+    scaled = [log.mapped(lambda name, values: 1.04 * values if name == "effort" else values) for log in made]
+    return write_table(scaled[0], folder / "walk.csv"), write_table(scaled[1], folder / "later.csv")
 
 
-def test_a_test_weight_and_a_memory(log: Path, tmp_path: Path, run: Any) -> None:
+@pytest.fixture
+def log(logs: tuple[Path, Path]) -> Path:
+    return logs[0]
+
+
+def test_a_test_weight_and_a_memory(logs: tuple[Path, Path], tmp_path: Path, run: Any) -> None:
+    log, other = logs
     memory, out = tmp_path / "hyq-17.json", tmp_path / "out.json"
     usual = ("weigh", log, "--robot", "hyq", "--tare", "0:2.8", "--json", out)
     first = run(*usual, "--known", f"{LOAD}kg@{','.join(map(str, PLACE))}", "--memory", memory)
@@ -46,7 +53,11 @@ def test_a_test_weight_and_a_memory(log: Path, tmp_path: Path, run: Any) -> None
     alone = run(*usual)
     assert alone.code == 0
     without = json.loads(out.read_text())["trunk"]["mass"]
-    later = run(*usual, "--memory", memory)
+    twice = run(*usual, "--memory", memory)
+    assert twice.code == 0, twice.err
+    assert "these samples are in the memory already" in " ".join(json.loads(out.read_text())["notes"])
+    assert Memory.from_dict(json.loads(memory.read_text())).logs == 1
+    later = run("weigh", other, *usual[2:], "--memory", memory)
     assert later.code == 0, later.err
     again = json.loads(out.read_text())["trunk"]["mass"]
     assert again["std"] < 0.7 * without["std"]

@@ -39,6 +39,7 @@ def live(
         float | None, option("SECONDS", "Tare so long after the first sample; else by stadera/tare.", min=0.0)
     ] = None,
     weight: opt.Weight = None,
+    memory: opt.MemoryFile = None,
     legs: opt.LegsFile = None,
     force: opt.Force = False,
     record: Annotated[Path | None, option("F.mcap", "Record received and sent messages.")] = None,
@@ -62,7 +63,7 @@ def live(
     log = options.log(Path(source.removeprefix(REPLAY))) if source != "zenoh" else None
 
     from stadera.cli.outputs import check_outputs
-    from stadera.cli.weigh import robot_with_legs
+    from stadera.cli.weigh import read_memory, robot_with_legs, save_memory
     from stadera.files import written_together
     from stadera.live import LiveSession
     from stadera.live.link import Endpoints
@@ -71,16 +72,31 @@ def live(
     from stadera.report.live import live_summary
 
     model = robot_with_legs(robot, legs, options.reading.limits, force)
-    check_outputs((record, rrd))
+    check_outputs((record, rrd, memory))
+    known = None if memory is None else read_memory(memory, model)
     where = LiveSource(Endpoints(tuple(connect or ()), tuple(listen or ()), config), options.topics, log, rate)
     with watching(model, view, rrd) as watch, written_together([] if record is None else [record]) as drafts:
         reading = options.reading if log is None else AS_RECORDED  # a log is read with it
         session = LiveSession(
-            model, options.topics, imu_frame, watch=watch, reading=reading, fix=fix, weight=on_scale, tare_after=tare
+            model,
+            options.topics,
+            imu_frame,
+            watch=watch,
+            reading=reading,
+            fix=fix,
+            weight=on_scale,
+            tare_after=tare,
+            memory=known,
         )
         with _until_stopped() as stop, _shown() as sink:
             last = run(session, where, stop, [sink], drafts[0] if drafts else None)
     show(live_summary(last))
+    if memory is not None:
+        learnt, said = session.remembered()
+        if learnt is not None:
+            with written_together([memory]) as (draft,):
+                save_memory(learnt, draft)
+        show(said)
 
 
 @contextmanager

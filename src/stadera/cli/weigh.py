@@ -6,7 +6,7 @@ import json
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 from stadera.cli import options as opt
 from stadera.cli import parse
@@ -71,7 +71,7 @@ def weigh(
         from stadera.robot.export import check_export
 
         check_export(model, export)
-    remembered = None if memory is None else _read_memory(memory, model)
+    remembered = None if memory is None else read_memory(memory, model)
     true = None if truth is None else read_truth(truth)
     with watching(model, view, rrd) as watch, progress() as bar:
         unloaded = options.log(chosen_tare) if isinstance(chosen_tare, Path) else chosen_tare
@@ -92,7 +92,7 @@ def weigh(
         )
     files.write(
         (export, result.save_urdf),
-        (memory if result.memory else None, lambda draft: write_text(draft, json_text(_plain(result.memory)))),
+        (memory if result.memory else None, lambda draft: save_memory(result.memory, draft)),
         values=result.to_dict,
         page=lambda: result.to_html(true),
         latex=result.to_latex,
@@ -102,7 +102,7 @@ def weigh(
     show(*weighing_tables(result.since_beginning(), since))
 
 
-def _read_memory(path: Path, robot: Robot) -> Memory:
+def read_memory(path: Path, robot: Robot) -> Memory:
     """The memory in a file, a new one if there is no such file. Raises IdentificationError: it holds none of the
     robot's.
     """
@@ -117,8 +117,10 @@ def _read_memory(path: Path, robot: Robot) -> Memory:
         raise IdentificationError(f"--memory {path}: {error}") from None
 
 
-def _plain(memory: Memory | None) -> dict[str, Any] | None:
-    return None if memory is None else memory.to_dict()
+def save_memory(memory: Memory | None, path: Path) -> None:
+    """Writes it, if there is one."""
+    if memory is not None:
+        write_text(path, json_text(memory.to_dict()))
 
 
 def robot_with_legs(name: str, legs: Path | None, limits: Limits, force: bool = False) -> Robot:

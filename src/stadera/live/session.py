@@ -19,11 +19,14 @@ from stadera.robot.imu import ImuMount
 from stadera.robot.model import Robot
 from stadera.trunk.estimator import TrunkEstimator
 from stadera.trunk.load import since_tare
+from stadera.trunk.memory import Memory
 from stadera.trunk.samples import Samples
 from stadera.trust import Trust
 from stadera.weigh.pipeline import trust_now
 from stadera.weigh.reading import posed_as
 from stadera.weigh.settings import Watch
+
+_DAY = 86400.0  # s
 
 _REFUSED = (*FATAL, "contradiction", "not_on_feet")
 """Causes with which nothing is weighed."""
@@ -119,6 +122,7 @@ class LiveSession:
         weight: of the robot on a scale, see `TrunkEstimator.know_weight`.
         tare_after: time since the first sample [s] at which the tare is taken, or as soon as it can be; None: on
             request.
+        memory: what earlier logs told of this robot, see `stadera.trunk.memory`.
 
     Attributes:
         intake: of the messages. estimator: of the trunk; None before the first samples.
@@ -135,6 +139,7 @@ class LiveSession:
         fix: bool = False,
         weight: tuple[float, float] | None = None,
         tare_after: float | None = None,
+        memory: Memory | None = None,
     ) -> None:
         self.robot, self.settings = robot, settings or LiveSettings()
         self.intake = Intake(robot, topics, self.settings, reading)
@@ -145,6 +150,7 @@ class LiveSession:
         self._idle, self._weight = TrunkEstimator(robot, settings=self.settings.trunk), weight
         if weight is not None:
             self._idle.know_weight(*weight)  # raises immediately for one that the robot cannot have
+        self._memory = None if memory is None else memory.check(robot)
         if imu_frame is not None:
             ImuMount.of(robot, imu_frame)  # raises immediately for an unknown name
         self._fault = ""
@@ -189,6 +195,14 @@ class LiveSession:
         """Discards all estimates, including the tare and the changes."""
         self.estimator, self._tared_after = None, None
         return Answer(True, "everything learnt is forgotten; the model is the prior")
+
+    def remembered(self) -> tuple[Memory | None, str]:
+        """The memory with what was learnt since the beginning or the last reset, None if it stays as it was, and what
+        to say of it.
+        """
+        if self._memory is None or self.estimator is None:
+            return None, "the robot's memory stays as it was: nothing was learnt"
+        return self.estimator.told(self._memory, time.time() / _DAY)
 
     def event(self, until: float) -> tuple[object, ...]:
         """Key of the state that changes when a state must be sent at once: changes, verdict, missing input, tare."""
@@ -274,6 +288,8 @@ class LiveSession:
             estimator = TrunkEstimator(self._posed, settings=self.settings.trunk, mount=mount)
             if self._weight is not None:
                 estimator.know_weight(*self._weight)
+            if self._memory is not None:
+                estimator.recall(self._memory, time.time() / _DAY)
         elif self.intake.fresh:
             estimator.restart()
         self.estimator, self.intake.fresh = estimator, False

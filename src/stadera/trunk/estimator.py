@@ -17,8 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
-from math import inf, isnan
+from math import inf, isnan, sqrt
 from zlib import crc32
 
 import numpy as np
@@ -39,9 +38,10 @@ from stadera.trunk.loads import Found, LoadChanges
 from stadera.trunk.measurement import Measurement
 from stadera.trunk.memory import Memory, MemorySettings
 from stadera.trunk.merge import TrunkEvidence
-from stadera.trunk.model import ImplausibleError, TrunkBounds, TrunkModel
+from stadera.trunk.model import TrunkBounds, TrunkModel
 from stadera.trunk.outside import Correction, Knowledge, on_scale, with_test_weight
 from stadera.trunk.protocol import Status, TrunkEstimate, unobserved
+from stadera.trunk.reading import Reading
 from stadera.trunk.result import ObservedLimits, TrunkParameters
 from stadera.trunk.samples import Samples
 from stadera.trunk.segment import Segment
@@ -49,39 +49,6 @@ from stadera.trunk.settings import TrunkSettings
 from stadera.trunk.where import Whereabouts
 from stadera.trust import Trust
 from stadera.types import Array
-
-
-class _Reading:
-    """The trunk as estimated at one time, computed on first use."""
-
-    def __init__(self, of: TrunkEstimator) -> None:
-        self._of, self._segment, self._errors, self._known = of, of._history.current, of._fit.errors, of._known
-
-    @cached_property
-    def vector(self) -> Array:
-        """The ten parameters (10,)."""
-        return self._corrected[0] if self._known else self._segment.mean(self._errors.mean)
-
-    @cached_property
-    def _corrected(self) -> tuple[Array, Array, Array]:
-        """The ten parameters, their covariance, and `Errors.by_scale`, with what is known from outside."""
-        segment, errors = self._segment, self._errors
-        found = segment.mean(errors.mean), errors.trunk_covariance(segment), errors.by_scale(segment.sensitivity)
-        outside = _correction(self._known, errors, segment)
-        return found if outside is None else outside.of_trunks({segment: np.eye(10)}, *found)
-
-    @cached_property
-    def parameters(self) -> TrunkParameters:
-        """All ten parameters and their uncertainty."""
-        of, (vector, covariance, by_scale) = self._of, self._corrected
-        found = TrunkParameters.of(vector, covariance, of._start, of.robot.mass, of.robot.leg_length)
-        return replace(found, mass_std_without_scale=without_scale(covariance[0, 0], by_scale[0]))
-
-
-def _correction(known: tuple[Knowledge, ...], errors: Errors, present: Segment) -> Correction | None:
-    """What is known from outside, of trunks that have rows; None if nothing."""
-    ready = [k for k in known if all((segment or present).blocks for segment, _ in k.trunks)]
-    return Correction(ready, errors, present) if ready else None
 
 
 @dataclass(frozen=True)
@@ -143,7 +110,7 @@ class TrunkEstimator:
         self._history.at = self._where.candidates[0]
         self._changes = LoadChanges(self.robot, layout, self.settings, self._where)
         self._known: tuple[Knowledge, ...] = ()
-        self._good: _Reading | None = None
+        self._good: Reading | None = None
         self._state, self._print = _State(), 0
 
     # -- feeding ----------------------------------------------------------------------------------------------------
@@ -219,10 +186,7 @@ class TrunkEstimator:
                 f"a weight of {mass:g} ± {std:g} kg: the legs of {self.robot.name} alone have {legs:.3g} kg, and a "
                 "standard deviation is below the mass"
             )
-        layout, moved = self._fit.model.layout, self.robot.tree.links[1:]
-        links = np.zeros(layout.count)
-        links[layout.places["link_mass"]] = [self.robot.inertias[link].mass for link in moved]
-        self._know(on_scale(mass - legs, std, links, self._history.tare))
+        self._know(on_scale(self.robot, mass, std, self._history.tare))
 
     def know_payload(self, mass: float, com: ArrayLike, mass_std: float = 0.005, com_std: float = 0.005) -> None:
         """Takes the payload since the tare as known: a test weight, by which gains and offsets are calibrated.
@@ -240,11 +204,7 @@ class TrunkEstimator:
         if not (known and mass > 0.0 and mass_std >= 0.0 and com_std >= 0.0 and centre.shape == (3,)):
             place = ", ".join(f"{v:g}" for v in centre.ravel())
             raise IdentificationError(f"a test weight needs a mass above zero and x, y, z; got {mass:g} kg, {place}")
-        slope = np.zeros((4, 4))
-        slope[0, 0], slope[1:, 0], slope[1:, 1:] = 1.0, centre, mass * np.eye(3)
-        covariance = slope @ np.diag([mass_std**2, *[com_std**2] * 3]) @ slope.T
-        moments, count = np.array([mass, *(mass * centre)]), self._fit.model.layout.count
-        self._know(with_test_weight(moments, covariance + 1e-12 * np.eye(4), count, self._history.tare))
+        self._know(with_test_weight(self.robot, mass, centre, mass_std, com_std, self._history.tare))
 
     def recall(self, memory: Memory, days: float = np.nan, settings: MemorySettings | None = None) -> None:
         """Uses what earlier logs of this robot told.
@@ -270,26 +230,20 @@ class TrunkEstimator:
         if self.trust.verdict == "bad" or self._state.status is Status.REFUSED:
             raise IdentificationError("a log whose fit is bad, or whose end is refused, is not remembered")
         memory = memory.check(self.robot).faded(model.layout, days, settings)
-        if self._print in memory.seen:
-            raise IdentificationError("these samples are in the memory already")
         own = tuple(known for known in self._known if known.trunks)
-        outside = _correction(own, errors, self._history.loaded or self._history.current)
+        outside = Correction.by(own, errors, self._history.loaded or self._history.current)
         if outside is not None and max(outside.apart) > self.settings.apart:
             raise IdentificationError("a log that contradicts its scale or test weight is not remembered")
-        mean, covariance = (errors.mean, errors.covariance) if outside is None else outside.of_errors()
-        variance = np.diag(covariance)
-        what, apart = memory.contradiction(model.layout, model.variance, mean, variance, settings)
-        if apart > settings.contradicted:
-            raise IdentificationError(
-                f"this log contradicts the memory of {memory.logs} logs in the {what}, by {apart:.1f} standard "
-                "deviations: a part that was changed, or another robot; it is not remembered"
-            )
-        start, gain = np.diag(errors.start).copy(), model.layout.places["gain"]
-        start[gain] -= start[gain].mean() / model.layout.joints  # the gains' mean is zero
-        scale = model.layout.places["common_gain"]
-        start[scale] = model.variance[scale]
-        told = memory.plus(model.layout, model.variance, start, mean, variance, days)
-        return replace(told, seen=(*told.seen, self._print))
+        found = (errors.mean, errors.covariance) if outside is None else outside.of_errors()
+        return memory.learnt(model, errors, found, days, settings, self._print)
+
+    def told(self, memory: Memory, days: float = np.nan) -> tuple[Memory | None, str]:
+        """As `remember`, None where that raises an error, and what to say of it."""
+        try:
+            found = self.remember(memory, days)
+        except IdentificationError as error:
+            return None, f"the robot's memory stays as it was: {error}"
+        return found, f"the robot's memory of {memory.logs} logs is used, and has {found.logs} now"
 
     def restart(self) -> None:
         """Announces that the next samples do not continue the previous ones; their rate may differ. Estimates are
@@ -336,22 +290,53 @@ class TrunkEstimator:
     @property
     def payload(self) -> Payload | None:
         """Mass added since the tare; None without a tare."""
-        history, errors, p = self._history, self._fit.errors, self._fit.errors.mean
-        if (tare := history.tare) is None:
+        if (tare := self._history.tare) is None:
             return None
-        now = history.current if history.loaded is None else history.loaded
+        now, errors = self._history.loaded or self._history.current, self._fit.errors
         limit = ObservedLimits().com * self.robot.leg_length
         if now.load is not None and now.held is not None:
             return self._where.payload(now.load, now.held.at, errors, limit)
-        difference = now.mean(p) - tare.mean(p)
-        covariance = errors.difference_covariance(tare, now)
-        by_scale = errors.by_scale(now.sensitivity - tare.sensitivity)
-        if (outside := self._outside) is not None:
-            weights = {now: np.eye(10), tare: -np.eye(10)}
-            difference, covariance, by_scale = outside.of_trunks(weights, difference, covariance, by_scale)
+        difference, covariance, by_scale = self._difference(tare, self._outside)
         found = Payload.of_parameters(difference, covariance, limit)
         found = replace(found, mass_std_without_scale=without_scale(covariance[0, 0], by_scale[0]))
         return found if len(self._where.candidates) == 1 else self._where.said(found, (0,))
+
+    def _difference(self, tare: Segment, outside: Correction | None) -> tuple[Array, Array, Array]:
+        """The payload's ten parameters, their covariance, and `Errors.by_scale`."""
+        errors, p = self._fit.errors, self._fit.errors.mean
+        now = self._history.loaded or self._history.current
+        found = now.mean(p) - tare.mean(p), errors.difference_covariance(tare, now)
+        by_scale = errors.by_scale(now.sensitivity - tare.sensitivity)
+        if outside is None:
+            return *found, by_scale
+        return outside.of_trunks({now: np.eye(10), tare: -np.eye(10)}, *found, by_scale)
+
+    def bars_on_scale(self, std: float) -> tuple[float, float]:
+        """Standard deviations of payload (infinite without one on the trunk) and trunk [kg] to expect if the robot's
+        mass, at the tare if there is one, were known to `std` [kg].
+        """
+        return self._bars_with(on_scale(self.robot, 0.0, std, self._history.tare))
+
+    def bars_calibrated(self, mass: float) -> tuple[float, float]:
+        """The same if a test weight [kg] had been on the robot too, for as long as this load and in the same motion.
+
+        Raises:
+            IdentificationError: no tare.
+        """
+        tare, now = self._history.tare, self._history.loaded or self._history.current
+        if tare is None:
+            raise IdentificationError("a test weight is known since a tare, and there is none")
+        place, again = np.array([0.0, 0.0, 0.3 * self.robot.leg_length]), replace(now, _last=[])
+        return self._bars_with(with_test_weight(self.robot, mass, place, 0.005, 0.005, tare, again))
+
+    def _bars_with(self, more: Knowledge) -> tuple[float, float]:
+        known = (*(other for other in self._known if other.what != more.what), more)
+        tare, trunk = self._history.tare, sqrt(float(self._read(known).covariance[0, 0]))
+        now = self._history.loaded or self._history.current
+        if tare is None or now.load is not None:
+            return inf, trunk
+        outside = Correction.by(known, self._fit.errors, now)
+        return sqrt(float(self._difference(tare, outside)[1][0, 0])), trunk
 
     @property
     def changes(self) -> tuple[LoadChange, ...]:
@@ -460,13 +445,16 @@ class TrunkEstimator:
     @property
     def _outside(self) -> Correction | None:
         """What is known from outside, in place of the estimates."""
-        return _correction(self._known, self._fit.errors, self._history.loaded or self._history.current)
+        return Correction.by(self._known, self._fit.errors, self._history.loaded or self._history.current)
+
+    def _read(self, known: tuple[Knowledge, ...]) -> Reading:
+        return Reading(self.robot, self._start, self._history.current, self._fit.errors, known)
 
     def _adopt(self, time: float) -> None:
         """Adopts the present estimate of the trunk, unless it is implausible."""
         since = time if isnan(self._state.since) else self._state.since
-        read, blocks = _Reading(self), self._history.blocks
-        if complaint := self._complaint(read.vector, read):
+        read, blocks = self._read(self._known), self._history.blocks
+        if complaint := read.complaint(self.bounds):
             self._state = replace(self._state, since=since)
             self._refuse(f"the estimate runs away: {complaint}")
             return
@@ -480,20 +468,6 @@ class TrunkEstimator:
         self._state = _State(Status.MOVING, "", time, since, settled)
         if blocks < self.settings.updated or blocks % self.settings.updated == 0:
             self._front.shape = read.parameters.inertial
-
-    def _complaint(self, vector: Array, read: _Reading) -> str | None:
-        """Why the trunk (10,), with the prior for unobserved parameters, is implausible; None if plausible."""
-        mass, bounds = float(vector[0]), self.bounds
-        if not mass > 0.0:
-            return f"a mass of {mass:.3g} kg"
-        if bounds.mass[0] <= mass <= bounds.mass[1]:
-            centre = vector[1:4] / mass
-            if (bounds.low <= centre).all() and (centre <= bounds.high).all():
-                return None  # the prior is inside too, so any mixture of the two is
-        try:
-            return bounds.complaint(TrunkModel.of(read.parameters.inertial))
-        except ImplausibleError as error:
-            return str(error)
 
     def _refuse(self, reason: str) -> None:
         self._state = replace(self._state, status=Status.REFUSED, reason=reason)

@@ -25,7 +25,8 @@ import numpy as np
 
 from stadera.errors import IdentificationError, require_positive
 from stadera.robot.model import Robot
-from stadera.trunk.error_model import ErrorLayout
+from stadera.trunk.error_model import ErrorLayout, ErrorModel
+from stadera.trunk.joint_errors import Errors
 from stadera.trunk.outside import Knowledge
 from stadera.types import Array
 
@@ -149,6 +150,40 @@ class Memory:
         right = np.where(information > 0.0, mean[places] * ratio / np.sqrt(prior[places]), 0.0)
         total = self.information + information
         return replace(self, information=total, right=self.right + right, logs=self.logs + 1, days=days)
+
+    def learnt(
+        self,
+        model: ErrorModel,
+        errors: Errors,
+        found: tuple[Array, Array],
+        days: float,
+        settings: MemorySettings,
+        checksum: int,
+    ) -> Memory:
+        """With one more log, faded to its time.
+
+        Args:
+            model, errors: of the log. found: p̂ and its covariance with what was known of the load.
+            checksum: of its samples.
+
+        Raises:
+            IdentificationError: it is in the memory already, or contradicts it.
+        """
+        layout, (mean, covariance) = model.layout, found
+        if checksum in self.seen:
+            raise IdentificationError("these samples are in the memory already")
+        variance = np.diag(covariance)
+        what, apart = self.contradiction(layout, model.variance, mean, variance, settings)
+        if apart > settings.contradicted:
+            raise IdentificationError(
+                f"this log contradicts the memory of {self.logs} logs in the {what}, by {apart:.1f} standard "
+                "deviations: a part that was changed, or another robot; it is not remembered"
+            )
+        start, gain, scale = np.diag(errors.start).copy(), layout.places["gain"], layout.places["common_gain"]
+        start[gain] -= start[gain].mean() / layout.joints  # the gains' mean is zero
+        start[scale] = model.variance[scale]
+        told = self.plus(layout, model.variance, start, mean, variance, days)
+        return replace(told, seen=(*self.seen, checksum))
 
     def knowledge(self, layout: ErrorLayout, prior: Array, settings: MemorySettings) -> Knowledge | None:
         """What it tells a log whose errors have these variances (errors,) before it; None if next to nothing."""

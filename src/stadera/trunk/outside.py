@@ -25,6 +25,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
+from stadera.robot.model import Robot
+from stadera.trunk.error_model import ErrorLayout
 from stadera.trunk.joint_errors import Errors
 from stadera.trunk.segment import Segment
 from stadera.types import Array
@@ -94,6 +96,12 @@ class Correction:
         far = np.abs(value) / np.sqrt(np.diag(covariance))
         self.apart = tuple(float(far[part].max()) for part in parts)
 
+    @classmethod
+    def by(cls, known: Sequence[Knowledge], errors: Errors, present: Segment) -> Correction | None:
+        """Of what is about trunks that have rows; None if nothing is."""
+        ready = [item for item in known if all((segment or present).blocks for segment, _ in item.trunks)]
+        return cls(ready, errors, present) if ready else None
+
     def _own(self, trunk: Segment) -> Array:
         """Covariance (10, 10) of a trunk's error that no other trunk shares."""
         K, changing = trunk.sensitivity, self._errors.covariance - self._errors.lasting
@@ -124,19 +132,31 @@ class Correction:
         return self._errors.mean + gain @ self._missing, self._errors.covariance - gain @ self._lasting.T
 
 
-def on_scale(mass: float, std: float, links: Array, load: Segment | None) -> Knowledge:
+def on_scale(robot: Robot, mass: float, std: float, load: Segment | None) -> Knowledge:
     """A robot on a scale.
 
     Args:
-        mass, std: [kg], without the model's legs, and of the scale.
-        links: (errors,), mass of each leg's link at its place in p, else zero [kg].
+        mass, std: [kg], of the whole robot, and of the scale.
         load: the trunk when it was weighed; None for the present load.
     """
-    first = np.eye(1, 10)
-    return Knowledge("the scale", np.array([mass]), np.array([[std**2]]), links[None], ((load, first),))
+    layout, moved = ErrorLayout.of(robot), robot.tree.links[1:]
+    links = np.zeros(layout.count)  # mass of each leg's link
+    links[layout.places["link_mass"]] = [robot.inertias[link].mass for link in moved]
+    own = mass - (robot.mass - robot.inertias[robot.trunk].mass)
+    return Knowledge("the scale", np.array([own]), np.array([[std**2]]), links[None], ((load, np.eye(1, 10)),))
 
 
-def with_test_weight(moments: Array, covariance: Array, errors: int, tare: Segment) -> Knowledge:
-    """A payload since the tare whose mass and first moment (4,) [kg, kg·m], of this covariance (4, 4), are known."""
-    four = np.eye(4, 10)
-    return Knowledge("the test weight", moments, covariance, np.zeros((4, errors)), ((None, four), (tare, -four)))
+def with_test_weight(
+    robot: Robot, mass: float, com: Array, mass_std: float, com_std: float, tare: Segment, load: Segment | None = None
+) -> Knowledge:
+    """A payload since the tare that is known.
+
+    Args:
+        mass: [kg]. com: (3,) [m]. mass_std, com_std: their standard deviations.
+        tare: the trunk without it. load: the trunk with it; None for the present load.
+    """
+    slope, four, count = np.zeros((4, 4)), np.eye(4, 10), ErrorLayout.of(robot).count
+    slope[0, 0], slope[1:, 0], slope[1:, 1:] = 1.0, com, mass * np.eye(3)
+    covariance = slope @ np.diag([mass_std**2, *[com_std**2] * 3]) @ slope.T + 1e-12 * np.eye(4)
+    moments = np.array([mass, *(mass * com)])
+    return Knowledge("the test weight", moments, covariance, np.zeros((4, count)), ((load, four), (tare, -four)))

@@ -30,6 +30,7 @@ from stadera.trust import Trust, Verdict
 from stadera.types import Array, Progress
 from stadera.weigh.against_model import Footprint, doubts
 from stadera.weigh.at_rest import AtRest
+from stadera.weigh.next_steps import next_steps
 from stadera.weigh.reading import CheckedLog
 from stadera.weigh.result import Refusal, Timeline, Weighing
 from stadera.weigh.settings import TestWeight, Watch, WeighSettings
@@ -208,12 +209,13 @@ class _LogPass:
             trust, remarks = estimator.trust, at_rest.remarks(self._request.method)
             line = at_rest.timeline.of_log(log.begin, self._shift)
             refused = [*self._refused, *(r.shifted(-self._shift) for r in at_rest.refusals)]
+        doubted = self._doubted(trust, payload, logs)
         return Weighing(
             robot=self._request.robot,
             source=log.source.source,
             method=self._request.method,
             status=str(estimate.status),
-            trust=self._doubted(trust, payload, logs),
+            trust=doubted,
             trunk=estimator.trunk,
             time=learnt,
             payload=payload,
@@ -230,6 +232,7 @@ class _LogPass:
                 *filter(None, [said]),
             ),
             memory=memory,
+            next=() if doubted.verdict == "bad" else next_steps(self._request.robot, estimator),
             **{name: getattr(estimator, name, None) for name in _MORE},  # type: ignore[arg-type]
         )
 
@@ -271,11 +274,7 @@ class _LogPass:
         memory, estimator = self._request.memory, self.estimator
         if memory is None or not isinstance(estimator, TrunkEstimator):
             return None, ""
-        try:
-            found = estimator.remember(memory, self._days)
-        except IdentificationError as error:
-            return None, f"the robot's memory stays as it was: {error}"
-        return found, f"the robot's memory of {memory.logs} logs is used, and has {found.logs} now"
+        return estimator.told(memory, self._days)
 
     def _locating(self, first: Measurement, forces: ContactForceEstimator) -> Weigher:
         """The method at rest, by a log's first measurement."""

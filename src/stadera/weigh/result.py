@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields, replace
-from math import hypot
 from os import PathLike
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -18,9 +17,9 @@ from stadera.trunk.load import LoadChange, Payload, plain, quantity
 from stadera.trunk.memory import Memory
 from stadera.trunk.merge import TrunkEvidence
 from stadera.trunk.result import TrunkParameters
-from stadera.trunk.settings import ModelErrors
 from stadera.trust import Trust
 from stadera.types import Array, Bools
+from stadera.weigh.next_steps import NextStep, UseLimits
 
 if TYPE_CHECKING:
     from stadera.report.figures import Figure
@@ -134,35 +133,6 @@ class Vertical:
         return {"source": self.source, "up": up, "tilt_std": self.tilt_std}
 
 
-@dataclass(frozen=True)
-class UseLimits:
-    """When a mass is determined.
-
-    Attributes:
-        share: largest standard deviation, as a share of the payload's own mass [1].
-        payload, trunk: one that is always small enough, as a share of the robot's mass [1].
-        swayed: standard deviation of a payload, as a share of the robot's mass, after five seconds of sway without and
-            with it: median of 12 drawn robots whose drives have friction up to 3 % of their limits.
-    """
-
-    share: float = 0.25
-    payload: float = 0.02
-    trunk: float = 0.1
-    swayed: float = 0.009
-
-
-@dataclass(frozen=True)
-class NextStep:
-    """What to do, and the payload's standard deviation [kg] to expect from it."""
-
-    do: str
-    payload_std: float
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain values for JSON."""
-        return {"do": self.do, "then": {"payload_std": self.payload_std}}
-
-
 @dataclass(frozen=True, eq=False, repr=False)
 class Weighing(Result):
     """Result of a weighing.
@@ -188,6 +158,7 @@ class Weighing(Result):
         impacts: time left out because the log's rate does not resolve its impacts [s]; None at rest.
         drives: what the motion told about the joints; None at rest.
         memory: the robot's memory with this log, if one was asked for and the log does not contradict it.
+        next: what would make a wide bar narrower, the best first.
     """
 
     robot: Robot
@@ -212,6 +183,7 @@ class Weighing(Result):
     impacts: float | None = None
     drives: Drives | None = None
     memory: Memory | None = None
+    next: tuple[NextStep, ...] = ()
 
     @property
     def mass(self) -> float:
@@ -266,22 +238,7 @@ class Weighing(Result):
         be honest and still say next to nothing: a robot that stands holds a load by the static friction of its drives
         as well as by their torques.
         """
-        limits, robot = limits or UseLimits(), self.robot.mass
-        found = {"trunk": self.mass_std <= limits.trunk * robot}
-        if (payload := self.payload) is not None:
-            found["payload"] = payload.mass_std <= max(limits.share * abs(payload.mass), limits.payload * robot)
-        return found
-
-    def next_steps(self, limits: UseLimits | None = None) -> tuple[NextStep, ...]:
-        """What would determine the payload; nothing if it is determined, or if there is no tare."""
-        limits = limits or UseLimits()
-        if self.payload is None or self.determined(limits)["payload"]:
-            return ()
-        std = hypot(limits.swayed * self.robot.mass, ModelErrors().common_gain * self.payload.mass)
-        best = f"best by `stadera excite --robot {self.robot.name} --trunk`"
-        sway = f"let the trunk sway for 5 s without and with the load, {best}"
-        do = f"{sway}, or walk ten steps: friction holds what stands"
-        return (NextStep(do, std),) if std < self.payload.mass_std else ()
+        return (limits or UseLimits()).determined(self.robot, self.mass_std, self.payload)
 
     def __repr__(self) -> str:
         """Trunk, payload, changes and trust, one line each."""
@@ -317,7 +274,7 @@ class Weighing(Result):
             "status": self.status,
             "trust": self.trust.to_dict(),
             "determined": self.determined(),
-            "next": [step.to_dict() for step in self.next_steps()],
+            "next": [step.to_dict() for step in self.next],
             "time": self.time,
             "trunk": trunk | ({"inertia": None} if self.torque_lag is None else {}),
             "payload": None if self.payload is None else self.payload.to_dict(self.robot.trunk, mark),

@@ -13,6 +13,7 @@ come from other draws.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import lru_cache
 from itertools import product
 from os import PathLike
 
@@ -128,6 +129,22 @@ def weighing_routine(
     planted = Planted.of(robot, chosen, settings.rate)
     torque = np.max([np.abs(planted.torques(t)[0]).max(axis=0) for t in search.trunks], axis=0)
     return Routine(robot, settings, chosen, planted, torque, Bars.median(known), settings.load * robot.mass)
+
+
+@lru_cache(maxsize=64)
+def undesigned_bars(robot: Robot, load: float) -> Bars | None:
+    """Error bars of a payload, `load` as a share of the robot's mass, to expect from five seconds of any sway
+    within its bounds; a designed one is better. None if no sway of a few that were drawn determines it.
+
+    Raises:
+        ModelError: the robot has no nominal stance.
+    """
+    search, rng = _Search(robot, RoutineSettings(load=load)), np.random.default_rng(0)
+    for _ in range(3):
+        path = search.fitted(search.drawn(rng))
+        if path is not None and (bars := search.bars(path, Drawn(robot, rng))) is not None:
+            return bars
+    return None
 
 
 class _Search:

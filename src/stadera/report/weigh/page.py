@@ -30,7 +30,7 @@ def next_steps(result: Weighing) -> Iterator[str]:
             "another IMU frame. Then weigh it again."
         )
         return
-    yield from map(tables.step_text, result.next_steps())
+    yield from map(tables.step_text, result.next)
     if result.trust.verdict == "doubtful":
         yield (
             "Use the error bars as they are, for they are widened to the fit. Friction and rotor inertia from "

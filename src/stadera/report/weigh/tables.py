@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from math import isfinite
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,7 +16,8 @@ from stadera.report.table import SHOWN, Cell, Row, TableData
 from stadera.report.terminal import notes, rich_table
 from stadera.report.trust import LEVELS, STYLES, UNTRUSTED, trust_text
 from stadera.types import Array
-from stadera.weigh.result import NextStep, Weighing
+from stadera.weigh.next_steps import NextStep
+from stadera.weigh.result import Weighing
 
 if TYPE_CHECKING:
     from stadera.weigh.truth import Truth
@@ -51,14 +53,15 @@ def answer(result: Weighing) -> str:
     seen = zip("xyz", place(body.com, body.com_std), body.com_std, strict=True)
     known = ", ".join(f"{axis} {text}" for axis, text, std in seen if std == std)
     if not result.determined().get("payload", True):
-        return f"{headline(result)}. {' '.join(map(step_text, result.next_steps()))}".strip()
+        return f"{headline(result)}. {' '.join(map(step_text, result.next))}".strip()
     where = f"centre of mass {known} m in the trunk's frame" if known else "its centre of mass was not observed"
     return f"{headline(result)}; {where}."
 
 
 def step_text(step: NextStep) -> str:
     """A next step, as a sentence."""
-    return f"{step.do[:1].upper()}{step.do[1:]}: then ± {number(step.payload_std, 2)} kg."
+    std = step.payload_std if isfinite(step.payload_std) else step.trunk_std
+    return f"{step.do[:1].upper()}{step.do[1:]}: then ± {number(std, 2)} kg."
 
 
 def processing(result: Weighing) -> dict[str, str]:
@@ -192,7 +195,7 @@ def weighing_tables(result: Weighing, truth: Truth | None = None) -> Iterator[Re
     yield from (Text(text, style="dim") for text in said if text)
     yield from notes(result.notes)
     yield from _refusals(result)
-    yield from (Text(step_text(step), style="yellow") for step in result.next_steps())
+    yield from (Text(step_text(step), style="yellow") for step in result.next)
     yield Text(
         f"{headline(result)}; trust: {trust_text(result.trust)}",
         style="bold" if result.trust.verdict == "good" else STYLES[LEVELS[result.trust.verdict]],

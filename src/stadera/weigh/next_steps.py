@@ -1,0 +1,113 @@
+"""What to do next where a mass is not determined, or known to more than a few percent, and the error bars to expect.
+
+Bars are computed for this robot and load: those of a sway by the estimator on a made log of a robot whose errors are
+drawn (`stadera.excite.trunk.expected`), those of a known weight by this log's own information and that weight
+(`stadera.trunk.outside`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from math import hypot, inf, isfinite
+from typing import Any
+
+from stadera.errors import StaderaError
+from stadera.results import finite_or_none
+from stadera.robot.model import Robot
+from stadera.trunk.estimator import TrunkEstimator
+from stadera.trunk.load import SIGNIFICANT, Payload
+from stadera.trunk.protocol import Weigher
+from stadera.weigh.settings import weight_of
+
+
+@dataclass(frozen=True)
+class UseLimits:
+    """When a mass is determined, and when it could be known better.
+
+    Attributes:
+        share: largest standard deviation of a payload that is determined, as a share of its own mass [1].
+        payload, trunk: one that is always small enough, as a share of the robot's mass [1].
+        fine: one above which a load that is determined is worth more effort, as a share of its own mass [1].
+        gained: largest bar to expect from a step that is worth its effort, as a share of the present one [1].
+        test_weight: mass of a test weight, as a share of the robot's [1].
+    """
+
+    share: float = 0.25
+    payload: float = 0.02
+    trunk: float = 0.1
+    fine: float = 0.05
+    gained: float = 0.8
+    test_weight: float = 0.1
+
+    def determined(self, robot: Robot, trunk_std: float, payload: Payload | None) -> dict[str, bool]:
+        """For "trunk" and, with a tare, "payload", whether the mass is known well enough to be of use."""
+        found = {"trunk": trunk_std <= self.trunk * robot.mass}
+        if payload is not None:
+            found["payload"] = payload.mass_std <= max(self.share * abs(payload.mass), self.payload * robot.mass)
+        return found
+
+
+@dataclass(frozen=True)
+class NextStep:
+    """What to do, and the standard deviations of payload and trunk [kg] to expect from it; infinite if not known."""
+
+    do: str
+    payload_std: float = inf
+    trunk_std: float = inf
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values for JSON."""
+        return {
+            "do": self.do,
+            "then": {"payload_std": finite_or_none(self.payload_std), "trunk_std": finite_or_none(self.trunk_std)},
+        }
+
+
+def next_steps(robot: Robot, estimator: Weigher, limits: UseLimits | None = None) -> tuple[NextStep, ...]:
+    """What makes the payload's bar narrower, or without a tare the trunk's, the best first; nothing if it is narrow."""
+    limits, trunk, payload = limits or UseLimits(), estimator.trunk, estimator.payload
+    mass, std = (trunk.inertial.mass, trunk.mass_std) if payload is None else (abs(payload.mass), payload.mass_std)
+    enough = limits.determined(robot, trunk.mass_std, payload)["trunk" if payload is None else "payload"]
+    if enough and (std <= limits.fine * mass or mass < SIGNIFICANT * std):
+        return ()
+    found = []
+    if isinstance(estimator, TrunkEstimator):
+        found += list(_known(robot, estimator, limits))
+    if payload is not None:
+        found += list(_sway(robot, payload))
+
+    def bar(step: NextStep) -> float:
+        return step.trunk_std if payload is None else step.payload_std
+
+    most = limits.gained * std if isfinite(std) else inf
+    return tuple(sorted((step for step in found if bar(step) < most), key=bar))
+
+
+def _known(robot: Robot, estimator: TrunkEstimator, limits: UseLimits) -> Iterator[NextStep]:
+    """A scale, and a test weight."""
+    before = "" if estimator.payload is None else " as it was at the tare"
+    scale = f"put the robot{before} on a scale and weigh with --weight"
+    yield NextStep(scale, *estimator.bars_on_scale(weight_of(f"{robot.mass}")[1]))
+    if estimator.payload is not None:
+        weight = limits.test_weight * robot.mass
+        do = (
+            f"put a known weight of {weight:.2g} kg on after the tare, in a log that moves like this one, weigh it with"
+        )
+        yield NextStep(
+            f"{do} --known and --memory, and then this load with the same memory", *estimator.bars_calibrated(weight)
+        )
+
+
+def _sway(robot: Robot, payload: Payload) -> Iterator[NextStep]:
+    """Five seconds of sway without and with the load."""
+    from stadera.excite.trunk.design import undesigned_bars
+
+    try:
+        bars = undesigned_bars(robot, round(max(abs(payload.mass), UseLimits().fine * robot.mass) / robot.mass, 2))
+    except StaderaError:
+        return
+    if bars is not None:
+        best = f"best by `stadera excite --robot {robot.name} --trunk`"
+        do = f"let the trunk sway for 5 s without and with the load, {best}"
+        yield NextStep(do, hypot(bars.mass, bars.scale * payload.mass))

@@ -1,0 +1,86 @@
+"""What to do next: bars that are computed are those that are reached."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from stadera import TrunkEstimator, load_robot
+from stadera.excite.trunk.design import RoutineSettings, undesigned_bars
+from stadera.excite.trunk.expected import Drawn
+from stadera.excite.trunk.planted import Planted
+from stadera.inertia import InertialParameters
+from stadera.trunk import Samples
+from stadera.weigh.next_steps import UseLimits, next_steps
+
+GO2 = load_robot("go2")
+LOAD = InertialParameters.from_com(1.0, (0.0, 0.0, 0.1), 0.002 * np.eye(3))
+
+
+@cache
+def logs(size: float) -> tuple[Samples, Samples]:
+    """A robot that sways a little or much for three seconds, without and with a load."""
+    from stadera.excite.sinusoids import Sinusoids
+    from stadera.excite.trunk.planted import AXES
+
+    amplitudes = np.repeat(size * np.array([0.1, 0.1, 0.04, 0.0, 0.0, 0.0])[None, :, None], 2, axis=2)
+    frequencies = np.random.default_rng(3).uniform(0.5, 1.4, (1, 6, 2))
+    phases = np.random.default_rng(4).uniform(0.0, 6.0, (1, 6, 2))
+    path = Sinusoids(AXES, np.zeros(6), np.zeros((1, 6)), amplitudes, frequencies, phases, np.array([0.0, 2.5]), 0.5)
+    drawn = Drawn(GO2, np.random.default_rng(5))
+    planted = Planted.of(drawn.true, path, 200.0)
+    loaded = drawn.measured(planted, LOAD)
+    return drawn.measured(planted), Samples(loaded.time + 3.5, *(getattr(loaded, n) for n in NAMES))
+
+
+NAMES = ("position", "velocity", "effort", "angular_velocity", "specific_force", "extra")
+
+
+def weighed(size: float, tare: bool = True) -> TrunkEstimator:
+    bare, loaded = logs(size)
+    estimator = TrunkEstimator(GO2)
+    estimator.add(bare)
+    if tare:
+        estimator.tare()
+        estimator.add(loaded)
+    return estimator
+
+
+def test_a_payload_that_is_hardly_known_is_known_after_a_sway() -> None:
+    estimator = weighed(0.02)
+    assert estimator.payload is not None
+    steps = next_steps(GO2, estimator)
+    assert any("sway for 5 s" in step.do and "stadera excite --robot go2 --trunk" in step.do for step in steps)
+    assert [step.payload_std for step in steps] == sorted(step.payload_std for step in steps)
+    assert all(step.payload_std < UseLimits().gained * estimator.payload.mass_std for step in steps)
+    sway = next(step for step in steps if "sway" in step.do)
+    assert sway.to_dict()["then"] == {"payload_std": sway.payload_std, "trunk_std": None}
+    reached = weighed(1.0).payload
+    assert reached is not None
+    assert sway.payload_std == pytest.approx(reached.mass_std, rel=1.0)
+
+
+def test_bars_of_a_known_weight_are_those_that_are_reached_with_it() -> None:
+    expected, estimator = weighed(1.0), weighed(1.0)
+    payload, trunk = expected.bars_on_scale(0.02)
+    estimator.know_weight(GO2.mass, 0.02)
+    assert estimator.payload is not None
+    assert (payload, trunk) == pytest.approx((estimator.payload.mass_std, estimator.trunk.mass_std), rel=1e-6)
+    calibrated, _ = expected.bars_calibrated(1.6)
+    assert expected.payload is not None
+    assert 0.3 * expected.payload.mass_std < calibrated < expected.payload.mass_std
+    alone = weighed(1.0, tare=False)
+    (step,) = next_steps(GO2, alone)
+    assert "--weight" in step.do
+    assert step.to_dict()["then"]["payload_std"] is None
+    assert step.trunk_std < 0.5 * alone.trunk.mass_std
+
+
+def test_nothing_is_to_be_done_where_bars_are_narrow() -> None:
+    assert next_steps(GO2, weighed(1.0), UseLimits(fine=0.5)) == ()
+    bars = undesigned_bars(GO2, 0.1)
+    assert bars is not None
+    assert bars.mass < 0.1
+    assert RoutineSettings().seconds == 5.0
