@@ -260,7 +260,7 @@ class ChangeDetector:
     def _deviations(self, before: Segment, errors: Errors) -> Deviations | None:
         """Deviations of the latest blocks for each full window; None if the earlier estimate is of too few blocks."""
         windows = self._windows[self._windows <= self._blocks.count]
-        if before.blocks * self._block < self.settings.history or not len(windows):
+        if before.weight * self._block < self.settings.history or not len(windows):
             return None
         means, weight = self._means(windows, before, errors)
         known = (before.whole.inverse[: len(self._scale)] ** 2).sum(axis=1) / self._scale**2

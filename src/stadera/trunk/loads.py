@@ -83,9 +83,9 @@ class LoadChanges:
         if self._withdrawn(history, errors, rows.time):
             return Found.BACK
         before = history.aged
-        # friction of joints that stop would pass for a load against an estimate from joints that slide
-        stopped = rows.sliding < self._settings.changes.sliding and 2.0 * before.moved > before.weight
-        jump = self.detector.look(rows, before, errors, held or stopped)
+        # friction of joints that stop would pass for a load against an estimate from joints that slide, or reversely
+        slides, slid = rows.sliding >= self._settings.changes.sliding, 2.0 * before.moved > before.weight
+        jump = self.detector.look(rows, before, errors, held or slides != slid)
         if jump is None or self.place(history, errors):
             return Found.SAME
         self._divide(jump, history, errors, rows.time)

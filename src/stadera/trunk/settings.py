@@ -154,7 +154,7 @@ class ChangeSettings:
         deviations: number of standard deviations that a change must exceed.
         windows: lengths of the averages that are compared with the earlier estimate [blocks].
         confirmed: number of blocks for which it must persist.
-        history: time of data needed before a change can be reported [s].
+        history: time of data, by the weights of blocks, needed before a change can be reported [s].
         pending: latest blocks excluded from the earlier estimate, at least as many as the longest average.
         back: length of the average, one of `windows`, by which a load that is back to what it was before a change is
             recognised [blocks]: the shorter, the less of the push stays in the estimate.

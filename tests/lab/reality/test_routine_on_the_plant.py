@@ -51,6 +51,7 @@ def test_what_stands_in_between_is_not_weighed_by_its_friction() -> None:
     assert abs(payload.mass - LOAD) < 3.0 * payload.mass_std
     assert truth.payload_com is not None
     assert (np.abs(payload.com - truth.payload_com)[:2] < 0.015).all()
+    assert [change.kind for change in found.changes if change.time > TARED + 2.0] == []  # it moves again: no change
     plain = TrunkSettings()
     alike = weighed(replace(plain, outliers=replace(plain.outliers, held=1.0))).payload
     assert alike is not None
