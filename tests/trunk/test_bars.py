@@ -85,7 +85,7 @@ def test_friction_and_noise_do_not_cancel_between_two_loads_and_all_else_does() 
     K1, K2 = (s.solution[:, 1:] for s in (first, second))
     lasting = (K2 - K1) @ (known.covariance - changing) @ (K2 - K1).T
     expected = lasting + K1 @ changing @ K1.T + K2 @ changing @ K2.T
-    found = known.difference_covariance(first, second) - known.of_rows(first) - known._of_rows(second)
+    found = known.difference_covariance(first, second) - known.of_rows(first) - known.of_rows(second)
     scale = np.sqrt(np.diag(expected))
     np.testing.assert_allclose(found / np.outer(scale, scale), expected / np.outer(scale, scale), atol=1e-9)
 
