@@ -125,11 +125,14 @@ def save_memory(memory: Memory | None, path: Path) -> None:
 
 def robot_with_legs(name: str, legs: Path | None, limits: Limits, force: bool = False) -> Robot:
     """Loads the robot, with identified legs if given; with `force` also if these are not to be trusted."""
-    from stadera.identify.schema import with_identified_legs
     from stadera.robot import load_robot
 
     robot = load_robot(name, limits)
-    return robot if legs is None else with_identified_legs(robot, legs, force)
+    if legs is None:
+        return robot
+    from stadera.identify.schema import with_identified_legs
+
+    return with_identified_legs(robot, legs, force)
 
 
 @contextmanager

@@ -27,7 +27,7 @@ from math import ceil
 from typing import Any, Literal
 
 import numpy as np
-from scipy.stats import chi2, norm, t
+from scipy.special import chdtr, chdtri, ndtr, stdtr
 
 from stadera.errors import require_positive
 from stadera.fleet.series import FleetSeries
@@ -114,7 +114,7 @@ def scatter(series: FleetSeries, settings: ScatterSettings | None = None) -> flo
     squares = np.sort(np.diff(value) ** 2 / (std[1:] ** 2 + std[:-1] ** 2))
     kept = len(squares) - max(2, ceil(settings.left_out * len(squares)))
     share = kept / len(squares)
-    usual = chi2.cdf(chi2.ppf(share, 1), 3) / share  # mean of the smallest such share of squared normal numbers
+    usual = chdtr(3, chdtri(1, 1.0 - share)) / share  # mean of the smallest such share of squared normal numbers
     return max(float(np.sqrt(squares[:kept].mean() / usual)), settings.least)
 
 
@@ -135,7 +135,7 @@ def _searched(
         surest: tuple[float, Departure] | None = None
         for kind, (first, stop, change, std) in _largest(series.value[begin:end], series.std[begin:end]).items():
             z = abs(change) / std
-            by_bars, by_scatter = 2.0 * norm.sf(z / wide), 2.0 * t.sf(z / kappa, freedom)
+            by_bars, by_scatter = 2.0 * ndtr(-z / wide), 2.0 * stdtr(freedom, -z / kappa)
             p = len(looks) * len(_STATISTICS) * looks[kind] * float(np.fmin(by_bars, by_scatter))
             yardstick = kappa if by_scatter < by_bars else wide
             if p < (chance if surest is None else surest[0]):

@@ -18,7 +18,7 @@ from functools import reduce
 from typing import Any
 
 import numpy as np
-from scipy.stats import norm
+from scipy.special import ndtri
 
 from stadera.identify.prior import Prior
 from stadera.information import Information
@@ -70,7 +70,7 @@ class Agreement:
         found = [compared for informations, prior in legs for compared in _deviations(informations, prior)]
         deviations = [abs(z) for _, zs, _ in found for z in zs]
         looks = len(deviations)
-        beyond = norm.isf(0.5 * chance / max(looks, 1))
+        beyond = -ndtri(0.5 * chance / max(looks, 1))
         return cls(
             tuple(parts),
             looks,

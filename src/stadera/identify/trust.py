@@ -17,7 +17,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from stadera.constants import NOTHING
 from stadera.identify.gather import Gathered
@@ -118,7 +118,7 @@ def _far(fits: Sequence[_LegFit], chance: float) -> Iterator[str]:
         return
     steps = [np.linalg.solve(f.task.prior.root, f.estimate.values - f.task.prior.values) for f in fits]
     distance, rank = sum(float(x @ x) for x in steps), sum(f.estimate.observability.rank for f in fits)
-    if distance > chi2.isf(chance, max(rank, 1)):
+    if distance > chdtri(max(rank, 1), chance):
         yield (
             f"the values are {np.sqrt(distance / max(rank, 1)):.2g} times as far from the model's as usual: look at "
             f"the model, and at the unit of the torques"
