@@ -15,6 +15,7 @@ error.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from math import exp
 
 import numpy as np
@@ -22,19 +23,31 @@ import numpy as np
 from stadera.constants import GRAVITY
 from stadera.types import Array
 
-_MEMORY = 1.0  # s
-_STRUCK = 0.5 * GRAVITY  # m/s², most that a block counts in the average: impacts are not gravity
-_BEYOND_NOISE = 2.0  # times the noise's variance, above which the robot is taken to move
+
+@dataclass(frozen=True)
+class CalibrationSettings:
+    """Settings of the calibration.
+
+    Attributes:
+        memory: time over which variances and gravity are averaged [s].
+        struck: most that a block counts in the average of the specific force [m/s²]: impacts are not gravity.
+        beyond: multiple of the noise's variance above which the robot is taken to move.
+    """
+
+    memory: float = 1.0
+    struck: float = 0.5 * GRAVITY
+    beyond: float = 2.0
 
 
 class SignalCalibration:
-    """Removes noise from the twelve signals of the trunk's rows, block by block.
+    """Removes noise from the signals of the trunk's rows, block by block; `settings` None for the defaults.
 
     Attributes:
         average: (3,) [m/s²], of the specific force over the last second, turned with the trunk: gravity.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, settings: CalibrationSettings | None = None) -> None:
+        self._settings = settings or CalibrationSettings()
         self._weight = 0.0
         self._variance = np.zeros(6)
         self.average = np.zeros(3)
@@ -51,17 +64,17 @@ class SignalCalibration:
         Returns:
             The signals (12,), and the part removed from the angular acceleration (3,) [rad/s²].
         """
-        keep = exp(-elapsed / _MEMORY)
+        keep = exp(-elapsed / self._settings.memory)
         self._weight = keep * self._weight + 1.0 - keep
         share = (1.0 - keep) / self._weight
         force = signals[:3]
         carried = turned @ self.average
-        most = _STRUCK if share < 1.0 else np.inf  # the first block is all that is known
+        most = self._settings.struck if share < 1.0 else np.inf  # the first block is all that is known
         self.average = carried + share * np.clip(force - carried, -most, most)
         mean = np.concatenate([self.average, np.zeros(3)])
         away = signals[:6] - mean
         self._variance += share * (away * away - self._variance)
-        sure = self._variance > _BEYOND_NOISE * noise
+        sure = self._variance > self._settings.beyond * noise
         gain = np.where(sure, 1.0 - noise / np.where(sure, self._variance, 1.0), 0.0)
         guess = mean + gain * away
         return np.concatenate([guess, signals[6:]]), (1.0 - gain[3:]) * away[3:]

@@ -10,6 +10,7 @@ start or on one diagonal, are set by the vertical: the specific force averaged o
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from math import atan2, exp, sqrt
 
 import numpy as np
@@ -18,9 +19,20 @@ from stadera.compiled import compiled
 from stadera.inertia import skew
 from stadera.types import Array, Bools
 
-_MEMORY = 1.0  # s
-LEAST_LOAD = 0.08  # of the robot's weight, along the vertical: above it a foot counts as loaded
-_BELIEF = 1e-3  # weight of the vertical against one second of lines between feet
+
+@dataclass(frozen=True)
+class GroundSettings:
+    """Settings of the ground's normal under a walking robot.
+
+    Attributes:
+        memory: time over which lines between feet and the vertical are averaged [s].
+        load: share of the robot's weight, along the vertical, above which a foot counts as loaded.
+        level: weight of the vertical against one second of lines between feet.
+    """
+
+    memory: float = 1.0
+    load: float = 0.08
+    level: float = 1e-3
 
 
 class GroundNormal:
@@ -28,13 +40,15 @@ class GroundNormal:
 
     Args:
         weight: of the robot [N].
+        settings: None for the defaults.
 
     Attributes:
         up: (3,), the vertical in trunk axes; None before the first block.
     """
 
-    def __init__(self, weight: float) -> None:
-        self._least = LEAST_LOAD * weight
+    def __init__(self, weight: float, settings: GroundSettings | None = None) -> None:
+        self._settings = settings or GroundSettings()
+        self._least = self._settings.load * weight
         self._lines = np.zeros((3, 3))
         self.up: Array | None = None
 
@@ -46,11 +60,12 @@ class GroundNormal:
         else:
             turn = turned(angular_velocity, duration)
             self.up = turn @ self.up
-            self.up += (1.0 - exp(-duration / _MEMORY)) * (along - self.up)
+            keep = exp(-duration / self._settings.memory)
+            self.up += (1.0 - keep) * (along - self.up)
             self.up /= np.linalg.norm(self.up)
-            self._lines = exp(-duration / _MEMORY) * (turn @ self._lines @ turn.T)
+            self._lines = keep * (turn @ self._lines @ turn.T)
         level = np.eye(3) - np.outer(self.up, self.up)
-        normal = np.linalg.eigh(self._lines + _BELIEF * level)[1][:, 0]
+        normal = np.linalg.eigh(self._lines + self._settings.level * level)[1][:, 0]
         if normal @ self.up < 0.0:
             normal = -normal
         back = 0.5 * duration * angular_velocity  # from the block's end to its middle
@@ -63,7 +78,7 @@ class GroundNormal:
         first, second = np.triu_indices(len(carrying), 1)
         lines = carrying[first] - carrying[second]
         lines = lines / np.linalg.norm(lines, axis=1, keepdims=True)
-        self._lines += (duration / _MEMORY) * (lines.T @ lines)
+        self._lines += (duration / self._settings.memory) * (lines.T @ lines)
 
 
 def turned(angular_velocity: Array, duration: float) -> Array:

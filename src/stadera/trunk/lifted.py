@@ -10,12 +10,15 @@ accelerations of single samples, so it is somewhat higher in a noisy log at 1 kH
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from stadera.body import Body, Motion, State
+from stadera.compiled import compiled
 from stadera.constants import GRAVITY
-from stadera.trunk.row_kernel import lifted_legs
 from stadera.trunk.settings import SwingDetection
 from stadera.types import Array, Bools
+
+Ints = NDArray[np.int64]
 
 
 class Lifted:
@@ -48,5 +51,79 @@ class Lifted:
         parts, air = min(max(round(n * step / self._part), 1), n), np.empty(force.shape[1], dtype=bool)
         known = np.ascontiguousarray(self.known), np.ascontiguousarray(self.known_std)
         places = state.feet, state.pace, motion.normal
-        lifted_legs(J, self._legs, state.to_wrench, force, moved, *known, *places, parts, self._limits, air)
+        _lifted(J, self._legs, state.to_wrench, force, moved, *known, *places, parts, self._limits, air)
         return air
+
+
+@compiled(
+    "void(int64[::1], int64[::1], float64[:,:,::1], float64[:,:,::1], float64[:,:,::1], float64[:,::1], "
+    "float64[:,::1], float64[:,:,::1], float64[:,:,::1], float64[::1], int64, float64[::1], boolean[::1])"
+)
+def _lifted(
+    joints: Ints,
+    legs: Ints,
+    E: Array,
+    force: Array,
+    moved: Array,
+    known: Array,
+    known_std: Array,
+    feet: Array,
+    pace: Array,
+    normal: Array,
+    parts: int,
+    limits: Array,
+    air: Bools,
+) -> None:
+    """Legs in the air throughout a block of n samples, see the module.
+
+    Args:
+        joints, legs: (J,), of the joints in the legs, their place among all and their leg. E: of a `State`.
+        force, feet, pace: (n, legs, 3).
+        moved: (n, 3, J), q̈, q̇ and s of the joints. known, known_std: (3, J).
+        normal: (3,), of the ground. parts: number of averages over the block.
+        limits: height of a lifted foot [m]; squared speed of one that moves [m²/s²]; squared force of a light one, the
+            robot's weight squared [N²]; load of the others [N].
+        air: (legs,), written.
+    """
+    n, count = len(force), force.shape[1]
+    for leg in range(count):
+        air[leg] = True
+    for p in range(parts):
+        begin, end = p * n // parts, (p + 1) * n // parts
+        felt, speed = np.zeros((count, 3)), np.zeros((count, 3))
+        height, unsure, along = np.zeros(count), np.zeros(count), np.zeros(count)
+        for k in range(begin, end):
+            for j in range(len(joints)):
+                torque = variance = square = 0.0
+                for t in range(3):
+                    torque += known[t, j] * moved[k, t, j]
+                    variance += (known_std[t, j] * moved[k, t, j]) ** 2
+                for c in range(3):
+                    felt[legs[j], c] += E[k, joints[j], c] * torque / (end - begin)
+                    square += E[k, joints[j], c] ** 2
+                unsure[legs[j]] += square * variance / (end - begin)
+            for leg in range(count):
+                for c in range(3):
+                    felt[leg, c] += force[k, leg, c] / (end - begin)
+                    speed[leg, c] += pace[k, leg, c] / (end - begin)
+                    height[leg] += feet[k, leg, c] * normal[c] / (end - begin)
+        for leg in range(count):
+            for c in range(3):
+                along[leg] += felt[leg, c] * normal[c]
+        for leg in range(count):
+            carried = pressed = level = x = y = z = 0.0
+            for other in range(count):
+                if other != leg:
+                    press = max(along[other], 0.0)
+                    carried += along[other]
+                    pressed += press
+                    level += press * height[other]
+                    x, y, z = x + press * speed[other, 0], y + press * speed[other, 1], z + press * speed[other, 2]
+            pressed = max(pressed, 1e-9)
+            raised, square = height[leg] - level / pressed, 0.0
+            x, y, z = speed[leg, 0] - x / pressed, speed[leg, 1] - y / pressed, speed[leg, 2] - z / pressed
+            fast = x * x + y * y + z * z
+            for c in range(3):
+                square += felt[leg, c] ** 2
+            light = square < min(limits[2] + unsure[leg], limits[3])
+            air[leg] &= (raised > limits[0] or fast > limits[1]) and light and carried > limits[4]

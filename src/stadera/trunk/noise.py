@@ -23,7 +23,6 @@ from stadera.constants import GRAVITY
 from stadera.robot.model import Robot
 from stadera.types import Array
 
-_GAIN = 0.03  # step of the variance's logarithm in each block
 _LEAST, _MOST = 0.05, 20.0  # times the prior
 _CORRELATED = (9.0 / 16.0, 9.0 / 100.0, 1.0 / 400.0)  # squared correlations of third differences
 
@@ -61,10 +60,12 @@ class WhiteNoise:
         weight = 0.005 * GRAVITY * robot.mass * 0.25
         return cls(np.full(joints, weight), 0.02, 0.005, 0.05)
 
-    def learn(self, squares: Array, samples: int) -> None:
-        """Updates the estimate from mean squares of third differences (2 joints + 6,) over some samples."""
+    def learn(self, squares: Array, samples: int, gain: float = 0.03) -> None:
+        """Updates the estimate from mean squares of third differences (2 joints + 6,) over some samples; `gain` is the
+        step of the variance's logarithm in each block.
+        """
         above = squares > lower_quartile(samples - 3) * self.variance
-        self.variance *= np.exp(_GAIN * np.where(above, 1.0, -3.0))  # stationary if a quarter of the blocks lie below
+        self.variance *= np.exp(gain * np.where(above, 1.0, -3.0))  # stationary if a quarter of the blocks lie below
         np.clip(self.variance, _LEAST**2 * self.prior_variance, _MOST**2 * self.prior_variance, out=self.variance)
 
     @property

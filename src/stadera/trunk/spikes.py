@@ -10,7 +10,7 @@ and back faster than any joint turns. Spikes are replaced by the mean of their n
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -19,22 +19,38 @@ from stadera.trunk.samples import Samples
 from stadera.types import Array, Bools
 
 _CHANNELS = ("position", "velocity", "effort", "angular_velocity", "specific_force", "extra")
-_WILD = 10.0  # times the usual noise
-_RESTLESS = 4.0  # times the usual noise: a peak in another channel of the sample or its neighbours, as in an impact
-_FASTEST = 30.0  # rad/s: joints of legged robots turn at up to 20 to 30 rad/s (data sheets of Go2, A1, ANYmal)
-_MEMORY = 100.0  # blocks
-_LEARNT = 5  # blocks before any spike is replaced
+
+
+@dataclass(frozen=True)
+class SpikeSettings:
+    """Settings of the replacement of spikes.
+
+    Attributes:
+        wild: size of a spike, times the usual noise.
+        restless: size of a peak in another channel of the sample or its neighbours, as in an impact, times the usual
+            noise.
+        fastest: speed that no joint reaches [rad/s]; those of legged robots turn at up to 20 to 30 (data sheets of Go2,
+            A1, ANYmal).
+        memory: blocks over which the usual noise is averaged. learnt: blocks before any spike is replaced.
+    """
+
+    wild: float = 10.0
+    restless: float = 4.0
+    fastest: float = 30.0
+    memory: float = 100.0
+    learnt: int = 5
 
 
 class SpikeFilter:
-    """Removes spikes block by block.
+    """Removes spikes block by block; `settings` None for the defaults.
 
     Attributes:
         replaced: number of samples of which values were replaced so far.
         squares: mean squares of third differences of all channels of the last block; None of less than four samples.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, settings: SpikeSettings | None = None) -> None:
+        self._settings = settings or SpikeSettings()
         self._usual: Array | None = None
         self.squares: Array | None = None
         self._blocks = self.replaced = 0
@@ -45,9 +61,10 @@ class SpikeFilter:
         if len(samples) < 4:
             return samples
         self._blocks += 1
+        settings = self._settings
         channels = [getattr(samples, name) for name in _CHANNELS]
         values, usual, cleaned = np.hstack(channels), self._usual, False
-        if usual is not None and self._blocks > _LEARNT:
+        if usual is not None and self._blocks > settings.learnt:
             steps = values[1:] - values[:-1]
             away = np.abs(steps)
             deviation = np.empty_like(values)
@@ -55,10 +72,10 @@ class SpikeFilter:
             deviation[1:-1] = np.where(steps[:-1] * steps[1:] < 0.0, np.minimum(away[:-1], away[1:]), 0.0)
             deviation[0], deviation[-1] = 0.5 * np.abs(steps[0] - steps[1]), 0.5 * np.abs(steps[-1] - steps[-2])
             noise = np.sqrt(usual)
-            wild = deviation > _WILD * noise
+            wild = deviation > settings.wild * noise
             if wild.any():
-                impossible = _FASTEST * float(samples.time[1] - samples.time[0])
-                wild &= _alone(deviation > _RESTLESS * noise) | (
+                impossible = settings.fastest * float(samples.time[1] - samples.time[0])
+                wild &= _alone(deviation > settings.restless * noise) | (
                     deviation[:, : samples.position.shape[1]] > impossible
                 ).any(axis=1, keepdims=True)
             if cleaned := bool(wild.any()):
@@ -69,7 +86,7 @@ class SpikeFilter:
                 values = np.where(wild, expected, values)
         self.squares = third_differences_squared(values)
         square = self.squares + 1e-12
-        self._usual = square if usual is None else usual + (square - usual) / min(self._blocks, _MEMORY)
+        self._usual = square if usual is None else usual + (square - usual) / min(self._blocks, settings.memory)
         if not cleaned:
             return samples
         edges = np.cumsum([channel.shape[1] for channel in channels[:-1]])

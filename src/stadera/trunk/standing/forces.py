@@ -42,9 +42,6 @@ from stadera.trunk.ground import ground_normal
 from stadera.trunk.measurement import Measurement, meant_stance, measurements_of
 from stadera.types import Array, Bools
 
-CARRIES = 0.03
-"""Least force along the normal on a foot in stance, as a share of the robot's weight."""
-
 
 @dataclass(frozen=True, eq=False)
 class ForceNoise:
@@ -55,6 +52,7 @@ class ForceNoise:
         foot_position: [m], of each component of a foot's position in the trunk frame, constant.
         leg_mass: relative error of the mass of a leg's link, constant.
         repeatable: residual of a pose at rest, as a share of the robot's weight, moments at 1 m. Assumed.
+        carries: least force along the normal on a foot in stance, as a share of the robot's weight.
 
     Raises:
         ModelError: torques of different shapes, or a value that is negative or not finite.
@@ -65,6 +63,7 @@ class ForceNoise:
     foot_position: float = 0.0
     leg_mass: float = 0.0
     repeatable: float = 1e-4
+    carries: float = 0.03
 
     def __post_init__(self) -> None:
         for name in (field.name for field in fields(self)):
@@ -219,7 +218,7 @@ class ContactForceEstimator:
         self.leg_mass = robot.mass - robot.inertias[robot.trunk].mass
         self.body = Body.of(robot, others=False)
         self._whole = self.body if robot.extra is None else Body.of(robot)
-        self._least, self._singular = CARRIES * robot.mass * GRAVITY, SINGULAR * robot.leg_length**3
+        self._least, self._singular = self.noise.carries * robot.mass * GRAVITY, SINGULAR * robot.leg_length**3
         self._last: tuple[Measurement, ContactForces] | None = None
 
     def at(self, measurement: Measurement) -> ContactForces:
@@ -298,7 +297,7 @@ def vertical_by_forces(
 
     meant = np.ones(feet.shape[:2], dtype=bool) if stance is None else stance
     up, total, load = solved(meant)
-    carrying = meant & (load > CARRIES * robot.mass * GRAVITY)
+    carrying = meant & (load > ForceNoise.carries * robot.mass * GRAVITY)
     if not np.array_equal(carrying, meant):
         up, total, _ = solved(carrying)
     return up, np.linalg.norm(total, axis=1) / GRAVITY
