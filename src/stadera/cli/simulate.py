@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from stadera.lab.scenarios.settings import SimulateSettings
     from stadera.robot import Robot
 
-_SCENARIOS = "stand|stand-load|poses|ramp|crawl|crawl-load|trot|trot-load|shake|shake-load|swing|motion"
+_SCENARIOS = "stand|stand-load|poses|ramp|crawl|crawl-load|trot|trot-load|shake|shake-load|squat|swing|motion"
 
 
 def simulate(
@@ -32,16 +32,20 @@ def simulate(
             "Kind of sensor errors; real: also of the robot and the ground.",
         ),
     ] = "standard",
-    load: Annotated[str | None, option("5kg|50N", "A mass on the trunk, or the paper's virtual force.")] = None,
-    at: Annotated[
-        str | None, option("X,Y,Z", "Position of the load, trunk frame [m] [default: behind, to the left].")
+    load: Annotated[
+        str | None, option("5kg|50N", "A mass on the trunk or --on a link, or the paper's virtual force.")
     ] = None,
+    at: Annotated[
+        str | None, option("X,Y,Z", "Position of the load, frame of the trunk or of --on [m] [default: behind, left].")
+    ] = None,
+    on: Annotated[str | None, option("LINK", "The link or frame that carries the load, such as a hand.")] = None,
     load_time: Annotated[float | None, option("S", "Time at which it lands [s] [default: the scenario's own].")] = None,
     speed: Annotated[float | None, option("M/S", "Speed of a walk [m/s] [default: the scenario's own].")] = None,
     turn: Annotated[float, option("DEG/S", "Turning rate of a walk, to the left [°/s].")] = 0.0,
     motion: Annotated[Path | None, option("F.csv", "Table of joint positions that the scenario motion plays.")] = None,
     leg: Annotated[str | None, option("LF|all", "The leg that swings [default: all].")] = None,
     amplitude: Annotated[float, option("X", "Amplitude of a shake: X times 3°.")] = 1.0,
+    arms: Annotated[float, option("RAD", "Amplitude with which joints outside the legs swing [rad].")] = 0.0,
     slope: Annotated[float | None, option("DEG", "Slope of the ground [°].")] = None,
     stones: Annotated[float, option("M", "Make the ground stepping stones with heights within ±M [m].")] = 0.0,
     duration: Annotated[float | None, option("S", "Duration [s] [default: the scenario's own].")] = None,
@@ -60,7 +64,7 @@ def simulate(
     The ground truth is written separately: LOG.truth.json has the trunk's mass and centre of mass over time and the
     controller's stiffness, LOG.truth.csv (or .parquet) the true motion and contact forces.
     """
-    amount, place = _load(load, at)
+    amount, place = _load(load, at, on)
     if leg is not None and scenario != "swing":
         raise typer.BadParameter("needs the scenario swing", param_hint="--leg")
     if (motion is None) == (scenario == "motion"):
@@ -77,7 +81,7 @@ def simulate(
 
     if scenario != SWING:
         scenario_named(scenario)
-    loaded = None if amount is None else Load(*amount, place)
+    loaded = None if amount is None else Load(*amount, place, on)
     table = None
     if motion is not None:
         from stadera.logs import read
@@ -97,6 +101,7 @@ def simulate(
         radians(turn),
         amplitude,
         stones,
+        arms=arms,
         motion=table,
     )
     truth = load_robot(robot, limits_of(limit))
@@ -108,10 +113,13 @@ def simulate(
     _print(run, out)
 
 
-def _load(load: str | None, at: str | None) -> tuple[tuple[float, Literal["kg", "N"]] | None, parse.Point | None]:
+def _load(
+    load: str | None, at: str | None, on: str | None
+) -> tuple[tuple[float, Literal["kg", "N"]] | None, parse.Point | None]:
     """The load and its position, each if given."""
-    if load is None and at is not None:
-        raise typer.BadParameter("needs --load", param_hint="--at")
+    for name, given in {"--at": at, "--on": on}.items():
+        if load is None and given is not None:
+            raise typer.BadParameter("needs --load", param_hint=name)
     return None if load is None else parse.load(load), None if at is None else parse.point(at)
 
 

@@ -19,7 +19,7 @@ from stadera.trunk.load import TENSOR
 class TruthAt:
     """True trunk parameters, payload included, from a time [s] on, trunk frame: mass [kg], centre of mass [m], inertia
     (Ixx, Ixy, Ixz, Iyy, Iyz, Izz) about the trunk's origin [kg·m²], and the payload's mass and centre, None where there
-    is none.
+    is none. A payload on another link than the trunk has its centre in the frame of that `link`.
     """
 
     time: float
@@ -28,6 +28,7 @@ class TruthAt:
     inertia: tuple[float, ...]
     payload_mass: float = 0.0
     payload_com: tuple[float, ...] | None = None
+    link: str | None = None
 
     @classmethod
     def of(cls, time: float, trunk: InertialParameters, bare: InertialParameters) -> Self:
@@ -35,14 +36,19 @@ class TruthAt:
         load, found = trunk - bare, cls(time, float(trunk.mass), _floats(trunk.com), _floats(trunk.vector[4:]))
         return replace(found, payload_mass=load.mass, payload_com=_floats(load.com)) if load.mass > ROUNDING else found
 
+    def holding(self, load: InertialParameters, link: str) -> Self:
+        """The same with a payload on a link, in its frame."""
+        return replace(self, payload_mass=load.mass, payload_com=_floats(load.com), link=link)
+
     def to_dict(self) -> dict[str, Any]:
         """Plain values."""
+        load = {"mass": self.payload_mass, "com": list(self.payload_com or ())}
         return {
             "time": self.time,
             "mass": self.mass,
             "com": list(self.com),
             "inertia": dict(zip(TENSOR, self.inertia, strict=True)),
-            "payload": None if self.payload_com is None else {"mass": self.payload_mass, "com": list(self.payload_com)},
+            "payload": None if self.payload_com is None else load | ({"link": self.link} if self.link else {}),
         }
 
     @classmethod
@@ -51,7 +57,10 @@ class TruthAt:
         load = value["payload"] or {"mass": 0.0, "com": None}
         com = load["com"] and _floats(load["com"])
         inertia = _floats(value["inertia"].values())
-        return cls(float(value["time"]), float(value["mass"]), _floats(value["com"]), inertia, float(load["mass"]), com)
+        found = cls(
+            float(value["time"]), float(value["mass"]), _floats(value["com"]), inertia, float(load["mass"]), com
+        )
+        return replace(found, link=load.get("link"))
 
 
 @dataclass(frozen=True)

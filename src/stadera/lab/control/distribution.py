@@ -52,24 +52,26 @@ class ContactLimits:
 
 
 class ForceDistribution:
-    """The quadratic programme of four feet, with length L [m], `small` ε and `smooth` β. `forces` (4, 3) [N] is the
-    latest solution; `solved` is False if the solver failed and they are older.
+    """The quadratic programme of feet, or of points on them, with length L [m], `small` ε and `smooth` β. `forces`
+    (feet, 3) [N] is the latest solution; `solved` is False if the solver failed and they are older.
     """
 
-    def __init__(self, limits: ContactLimits, length: float, small: float = 1e-5, smooth: float = 1e-4) -> None:
-        self.limits, self.length = limits, length
+    def __init__(
+        self, limits: ContactLimits, length: float, small: float = 1e-5, smooth: float = 1e-4, feet: int = 4
+    ) -> None:
+        self.limits, self.length, self._feet = limits, length, feet
         self._keeping, self._six = smooth / (small + smooth), (small + smooth) * np.eye(6)
-        self.forces = np.zeros((4, 3))
+        self.forces = np.zeros((feet, 3))
         self.solved = True
         self._skew = -skews(np.eye(3)).reshape(3, 9) / length  # negative, as the rows of [r]x are used as columns
-        self._wrench = np.zeros((6, 12))  # the map from forces to the weighted wrench
-        self._wrench[:3] = np.tile(np.eye(3), 4)
-        self._diagonal = np.diag(np.full(12, small + smooth))
-        self._bounds = np.zeros(4 * _ROWS)
-        self._before, self._target = np.zeros(12), np.zeros(6)
-        self._carrying = np.ones(12)
+        self._wrench = np.zeros((6, 3 * feet))  # the map from forces to the weighted wrench
+        self._wrench[:3] = np.tile(np.eye(3), feet)
+        self._diagonal = np.diag(np.full(3 * feet, small + smooth))
+        self._bounds = np.zeros(feet * _ROWS)
+        self._before, self._target = np.zeros(3 * feet), np.zeros(6)
+        self._carrying = np.ones(3 * feet)
         self.set_ground(np.array([0.0, 0.0, 1.0]))
-        self.set_most(np.full(4, np.inf))
+        self.set_most(np.full(feet, np.inf))
 
     def set_ground(self, normal: Array) -> None:
         """Sets the ground's unit normal (3,)."""
@@ -79,17 +81,17 @@ class ForceDistribution:
         first /= np.linalg.norm(first)
         second = np.cross(normal, first)
         sides = [sign * t - slope * normal for t in (first, second) for sign in (1.0, -1.0)]
-        self._sides = np.kron(np.eye(4), np.array([normal, -normal, *sides]))
+        self._sides = np.kron(np.eye(self._feet), np.array([normal, -normal, *sides]))
 
     def set_most(self, most: ArrayLike) -> None:
-        """Sets the largest normal force of each foot, (4,) [N]; zero for a foot in the air."""
+        """Sets the largest normal force of each foot, (feet,) [N]; zero for a foot in the air."""
         cap: Array = np.clip(np.asarray(most, dtype=float), 0.0, self.limits.most_normal)
         carrying = np.repeat(np.where(cap > 0.0, 1.0, 0.0), 3)
         if (carrying != self._carrying).any():
             self._carrying = carrying
-            self._wrench[:3] = np.tile(np.eye(3), 4) * carrying
+            self._wrench[:3] = np.tile(np.eye(3), self._feet) * carrying
             self._before = self._before * carrying
-        bounds = self._bounds.reshape(4, _ROWS)
+        bounds = self._bounds.reshape(-1, _ROWS)
         bounds[:, 0], bounds[:, 1] = cap, -np.minimum(self.limits.least_normal, cap)
 
     def normal_force(self) -> float:
@@ -97,9 +99,9 @@ class ForceDistribution:
         return float(self.forces.sum(axis=0) @ self._sides[0, :3])
 
     def solve(self, levers: Array, force: Array, moment: Array) -> Array:
-        """Forces (4, 3) [N] on the feet at levers (4, 3) [m] for a wrench of force and moment, (3,) each."""
+        """Forces (feet, 3) [N] on the feet at levers (feet, 3) [m] for a wrench of force and moment, (3,) each."""
         wrench = self._wrench
-        wrench[3:] = levers.dot(self._skew).reshape(12, 3).T * self._carrying
+        wrench[3:] = levers.dot(self._skew).reshape(-1, 3).T * self._carrying
         target = self._target
         target[:3], target[3:] = force, moment / self.length
         near = self._keeping * self._before
@@ -116,28 +118,28 @@ class ForceDistribution:
         return self._constrained(best, slack)
 
     def _constrained(self, best: Array, slack: Array) -> Array:
-        """The forces nearest to the best ones for which no slack (24,) is negative."""
+        """The forces nearest to the best ones for which no slack is negative."""
         upper, _ = dpotrf(self._wrench.T @ self._wrench + self._diagonal)
         counted = np.isfinite(slack) & np.repeat(self._carrying[::3] > 0.0, _ROWS)
         across, _ = dtrtrs(upper, self._sides[counted].T, trans=1)  # U⁻ᵀ Gᵀ, its columns the constraints
         sizes = np.sqrt((across * across).sum(axis=0))
         far = -slack[counted] / sizes  # of the constraints from y = 0
         scale = float(far.max())
-        E = np.empty((13, len(far)))
-        E[:12], E[12] = -across / sizes, far / scale
-        goal = np.zeros(13)
-        goal[12] = 1.0
+        E = np.empty((len(across) + 1, len(far)))
+        E[:-1], E[-1] = -across / sizes, far / scale
+        goal = np.zeros(len(E))
+        goal[-1] = 1.0
         try:
             u, _ = nnls(E, goal)
         except RuntimeError:  # no convergence
             self.solved = False
             return self.forces
         left = E @ u - goal
-        step, _ = dtrtrs(upper, left[:12] * (-scale / left[12]))
+        step, _ = dtrtrs(upper, left[:-1] * (-scale / left[-1]))
         return self._found(best + step)
 
     def _found(self, forces: Array) -> Array:
-        self.solved, self._before, self.forces = True, forces, forces.reshape(4, 3)
+        self.solved, self._before, self.forces = True, forces, forces.reshape(-1, 3)
         return self.forces
 
 

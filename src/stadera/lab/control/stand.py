@@ -3,8 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
+import numpy as np
+
+from stadera.lab.control.arms import ArmTorques
 from stadera.lab.control.trunk import TrunkController
+from stadera.lab.control.whole_body import WholeBody
 from stadera.lab.plant.plant import Plant, SimulationError
 from stadera.lab.sensors import Sensors
 from stadera.robot.imu import ImuMount
@@ -37,7 +42,7 @@ class Gait:
         raise NotImplementedError
 
 
-Controller = TrunkController | Gait
+Controller = TrunkController | Gait | WholeBody
 """What the loop calls."""
 
 
@@ -49,7 +54,7 @@ class TestBed:
 
     The plant has been reset. The estimator gets every n-th measurement before the controller, which gets its estimates
     with `feed_back`, unless it refused the measurement. Torques are held for `hold` periods; two nearly halve the
-    computing time of a walk.
+    computing time of a walk. `arms` moves the joints outside the legs of a robot whose controller moves the legs only.
     """
 
     __test__ = False  # not a test case, although its name begins with Test
@@ -64,22 +69,23 @@ class TestBed:
         feed_back: bool = False,
         every: int = 1,
         hold: int = 1,
+        arms: ArmTorques | None = None,
     ) -> None:
         if every < 1:
             raise SimulationError(f"an estimator is fed every so many periods, at least one; got {every}")
         if hold < 1:
             raise SimulationError(f"torques are held for so many periods, at least one; got {hold}")
         self.plant, self.sensors, self.controller = plant, sensors, controller
-        self.estimator, self.feed_back = estimator, feed_back
+        self.estimator, self.feed_back, self._arms = estimator, feed_back, arms
         self._every, self._hold, self._periods = every, hold, 0
         self._torque: Array = plant.effort
         self._mount = ImuMount.of(controller.robot)
         self.measurement: Measurement | None = None
 
     @property
-    def trunk_controller(self) -> TrunkController:
+    def trunk_controller(self) -> TrunkController | WholeBody:
         """The controller itself, or that of the gait."""
-        return self.controller if isinstance(self.controller, TrunkController) else self.controller.controller
+        return self.controller.controller if isinstance(self.controller, Gait) else self.controller
 
     def step(self) -> None:
         """One period: measure, estimate, control, simulate."""
@@ -93,8 +99,17 @@ class TestBed:
             if estimator is not None:
                 self._feed(estimator, measurement)
             if asked:
-                self._torque = self.controller.update(measurement)
+                self._torque = self._asked(measurement)
         self.plant.step(self._torque)
+
+    def _asked(self, m: Measurement) -> Array:
+        """The controller's torques, with those of the arms if it moves the legs only."""
+        if self._arms is None:
+            return self.controller.update(m)
+        legs, motion = slice(self._arms.arms.first), (m.angular_velocity, m.force_at_origin)
+        arms = self._arms.at(m.time, m.joint_position, m.joint_velocity, *motion)
+        mine = {name: getattr(m, name)[legs] for name in ("joint_position", "joint_velocity", "effort")}
+        return np.concatenate([self.controller.update(replace(m, **mine)), arms])
 
     def _feed(self, estimator: Estimator, measurement: Measurement) -> None:
         estimator.update(measurement)

@@ -39,19 +39,26 @@ class VirtualForce:
 
 @dataclass(frozen=True, eq=False)
 class RigidMass:
-    """A body fixed to the trunk."""
+    """A body fixed to the trunk, or to another link."""
 
-    parameters: InertialParameters  # its ten parameters in the trunk frame
+    parameters: InertialParameters  # its ten parameters in the link's frame
+    link: str | None = None  # None for the trunk
 
     def __post_init__(self) -> None:
         if not self.parameters.is_physical():
             raise ModelError("a rigid payload must be a physically possible body")
 
     @classmethod
-    def box(cls, mass: float, size: tuple[float, float, float], position: tuple[float, float, float]) -> RigidMass:
-        """A homogeneous box: mass [kg], full edges [m] along the trunk's axes, centre in the trunk frame [m]."""
+    def box(
+        cls,
+        mass: float,
+        size: tuple[float, float, float],
+        position: tuple[float, float, float],
+        link: str | None = None,
+    ) -> RigidMass:
+        """A homogeneous box: mass [kg], full edges [m] along the link's axes, centre in the link's frame [m]."""
         _require_positive("rigid payload", mass, *size)
-        return cls(InertialParameters.from_com(mass, position, box_inertia(mass, size)))
+        return cls(InertialParameters.from_com(mass, position, box_inertia(mass, size)), link)
 
 
 @dataclass(frozen=True)
@@ -100,7 +107,7 @@ class Tray:
         if boxes:
             largest = max(boxes, key=lambda shape: float(np.prod(shape.size)))
             top = float(largest.translation[2] + 0.5 * np.abs(largest.rotation[2]) @ np.asarray(largest.size))
-        half = np.array([*(0.5 * (high - low)[:2]), 0.5 * thickness])
+        half = np.array([*np.maximum(0.5 * (high - low)[:2], thickness), 0.5 * thickness])
         return cls(np.array([*(0.5 * (high + low)[:2]), top - 0.5 * thickness]), half)
 
 

@@ -1,4 +1,4 @@
-"""The plant of the test-bed: a quadruped on the ground in MuJoCo, with loads on its back.
+"""The plant of the test-bed: a legged robot on the ground in MuJoCo, with loads on its links.
 
 A step applies a torque to the joints, held over the step, and integrates (semi-implicit Euler). Then the accelerations
 and contact forces are computed again at the new instant with that torque still acting, so that all values read between
@@ -27,7 +27,7 @@ from stadera.lab.plant.model import joint_offsets, quaternion_wxyz, set_body_ine
 from stadera.lab.plant.payload import DroppedBox, OutsideForce, Payload, RigidMass, Tray, VirtualForce
 from stadera.lab.plant.state import Contacts, TrueState
 from stadera.lab.plant.terrain import Terrain
-from stadera.lab.plant.world import box_body, build_world, foot_radius
+from stadera.lab.plant.world import IMU, box_body, build_world
 from stadera.robot.model import Robot
 from stadera.types import Array
 
@@ -40,7 +40,7 @@ class SimulationError(StaderaError):
 
 
 class Plant:
-    """A simulated quadruped with true parameters. Deterministic; `timestep` [s] is also the control's; `friction` is in
+    """A simulated robot with true parameters. Deterministic; `timestep` [s] is also the control's; `friction` is in
     place of the robot's Coulomb friction.
     """
 
@@ -76,7 +76,7 @@ class Plant:
             mujoco.mju_normalize4(quat)
         self._data.qpos[3:7], self._data.qpos[self._q] = quat, q
         mujoco.mj_kinematics(self._model, self._data)
-        gaps = self.terrain.clearance(self._data.geom_xpos[self._contacts.feet]) - self._radii
+        gaps = self.terrain.clearance(self._data.geom_xpos[self._contacts.soles]) - self._radii
         if not isfinite(gaps.min()):
             raise SimulationError("there is no ground under the robot to be reset on")
         self._data.qpos[2] -= gaps.min() / self.terrain.normal[2]
@@ -126,16 +126,17 @@ class Plant:
 
     def truth(self) -> InertialParameters:
         """Trunk and payload, in the trunk frame: the ground truth of weighing. A virtual force counts as the equivalent
-        point mass at rest, a dropped box at its present position while it touches the tray.
+        point mass at rest, a dropped box at its present position while it touches the tray; what is on another link
+        does not count.
         """
-        total = self.robot.inertias[self.robot.trunk]
+        total = self._loaded_links()[self.robot.trunk]
         boxes = 0
         for payload in self._payloads:
             if isinstance(payload, DroppedBox):
                 if self._contacts.box_on_tray(self._data, boxes):
                     total = total + payload.parameters.transformed(*self._box_pose(boxes))
                 boxes += 1
-            else:
+            elif isinstance(payload, VirtualForce):
                 total = total + payload.parameters
         return total
 
@@ -201,7 +202,7 @@ class Plant:
             joint_velocity=self.joint_velocity,
             joint_acceleration=np.array(data.qacc[self._v]),
             effort=self.effort,
-            foot_position=np.array(data.geom_xpos[self._contacts.feet]),
+            foot_position=np.array(data.site_xpos[self._contacts.feet]),
             contact_point=points,
             foot_force=forces,
             foot_contact=touching,
@@ -218,10 +219,10 @@ class Plant:
         self._joint_position, self._joint_velocity = self._data.qpos[self._q], self._data.qvel[self._v]
         self._control, self._effort = self._data.ctrl, self._data.actuator_force
         self._acceleration, self._imu_motion = self._data.qacc, self._data.sensordata
-        self._orientation, self._imu_quaternion = self._data.qpos[3:7], np.array(self._model.site_quat[0])
+        self._orientation, self._imu_quaternion = self._data.qpos[3:7], np.array(self._model.site(IMU).quat)
         self._trunk = self._model.body(self.robot.trunk).id
         self._contacts = Contacts(self._model, self.robot)
-        self._radii = np.array([foot_radius(leg) for leg in self.robot.legs])
+        self._radii = np.array(self._model.geom_size[self._contacts.soles, 0])
         self._load_trunk()
         self._data.qfrc_applied[self._v] = -joint_offsets(self.robot, self.robot.tree)
 
@@ -235,9 +236,9 @@ class Plant:
         after.qacc_warmstart[:v] = before.qacc_warmstart[:v]
 
     def _load_trunk(self) -> None:
-        rigid = [payload.parameters for payload in self._payloads if isinstance(payload, RigidMass)]
         virtual = [payload for payload in self._payloads if isinstance(payload, VirtualForce)]
-        set_body_inertia(self._model, self._trunk, sum(rigid, start=self.robot.inertias[self.robot.trunk]))
+        for link, inertia in self._loaded_links().items():
+            set_body_inertia(self._model, self._model.body(link).id, inertia)
         mujoco.mj_setConst(self._model, mujoco.MjData(self._model))
         # all virtual forces as one, at MuJoCo's point of application, the body's centre of mass
         com = self._model.body_ipos[self._trunk]
@@ -247,6 +248,15 @@ class Plant:
         self._virtual_moment = np.zeros(3)  # Σ force (point - com), trunk axes [N·m]
         for payload in virtual:
             self._virtual_moment += payload.force * (np.asarray(payload.position) - com)
+
+    def _loaded_links(self) -> dict[str, InertialParameters]:
+        """Each link with what is fixed to it."""
+        links = dict(self.robot.inertias)
+        for payload in self._payloads:
+            if isinstance(payload, RigidMass):
+                link = payload.link or self.robot.trunk
+                links[link] = links[link] + payload.parameters
+        return links
 
     def _evaluate(self) -> None:
         data = self._data

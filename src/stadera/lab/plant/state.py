@@ -29,10 +29,10 @@ class TrueState:
     joint_velocity: Array  # (n,) [rad/s]
     joint_acceleration: Array  # (n,) [rad/s²]
     effort: Array  # (n,) [N·m], torques of the actuators on the joints
-    foot_position: Array  # (4, 3) [m], centres of the feet in the world, legs in the robot's order
-    contact_point: Array  # (4, 3) [m], contact points, world; NaN for feet in the air
-    foot_force: Array  # (4, 3) [N], forces of the ground on the feet, world axes
-    foot_contact: Bools  # (4,) bool, whether the foot touches the ground
+    foot_position: Array  # (L, 3) [m], centres of the feet in the world, legs in the robot's order
+    contact_point: Array  # (L, 3) [m], contact points, world; NaN for feet in the air
+    foot_force: Array  # (L, 3) [N], forces of the ground on the feet, world axes
+    foot_contact: Bools  # (L,) bool, whether the foot touches the ground
 
     @property
     def rotation(self) -> Array:
@@ -53,9 +53,12 @@ class Contacts:
             for g, name in names.items()
             if name.startswith(FRAME)
         }
-        self.feet = np.array([model.geom(foot_geom(leg)).id for leg in robot.legs])
-        """Geoms of the feet, (4,), legs in the robot's order."""
-        self._leg_of_geom = {int(geom): k for k, geom in enumerate(self.feet)}
+        self.feet = np.array([model.site(foot_geom(leg)).id for leg in robot.legs])
+        """Sites of the feet's centres, legs in the robot's order."""
+        starts = [f"{foot_geom(leg)} " for leg in robot.legs]
+        self._leg_of_geom = {g: k for g, name in names.items() for k, s in enumerate(starts) if name.startswith(s)}
+        self.soles = np.array(list(self._leg_of_geom))
+        """Geoms of the feet."""
 
     def on_ground(self, data: mujoco.MjData) -> str:
         """The part that touches the ground but should not: "trunk", "LF knee", "RH hip", ...; empty for none."""
@@ -71,9 +74,9 @@ class Contacts:
         return any({int(a), int(b)} == pair for a, b in data.contact.geom)
 
     def of_feet(self, data: mujoco.MjData) -> tuple[Array, Array, Bools]:
-        """Contact points of the feet (4, 3) [m], forces on them (4, 3) [N], both in the world, and contact states (4,).
-        A foot on several stones gets the sum of their forces, at the mean of their points weighted by normal force; the
-        point of a foot in the air is NaN.
+        """Contact points of the feet (L, 3) [m], forces on them (L, 3) [N], both in the world, and contact states (L,).
+        A foot on several points or stones gets the sum of their forces, at the mean of their points weighted by normal
+        force; the point of a foot in the air is NaN.
         """
         count = len(self.feet)
         points, forces, weights = np.zeros((count, 3)), np.zeros((count, 3)), np.zeros(count)

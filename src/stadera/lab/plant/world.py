@@ -1,4 +1,4 @@
-"""The MuJoCo world of a robot: floating trunk, spherical feet, ground, a tray for boxes, an IMU.
+"""The MuJoCo world of a robot: floating trunk, feet of one sphere or several, ground, a tray for boxes, an IMU.
 
 Trunk, hips and knees can collide with the ground too, so that a fallen robot lies on them.
 """
@@ -20,9 +20,11 @@ from stadera.lab.plant.model import (
     set_body_inertia,
 )
 from stadera.lab.plant.payload import DroppedBox, Tray
+from stadera.lab.plant.sole import foot_radius, sole
 from stadera.lab.plant.terrain import Terrain
 from stadera.robot.imu import ImuMount
 from stadera.robot.model import Leg, Robot
+from stadera.robot.shapes import FLAT
 
 GROUND, TRAY, IMU, FRAME = "ground", "tray", "imu_site", "frame"
 """Names in the compiled model; geoms of the ground begin with the first, those that should not touch it with the
@@ -43,7 +45,6 @@ class ContactSettings:
     # ratio of the stiffnesses of friction and normal force (impratio); keeps standing feet from creeping
     friction_to_normal: float = 100.0
     tolerance: float = 1e-12  # of MuJoCo's solver
-    least_radius: float = 1e-3  # of a foot [m]; used if the model states none
     extent: float = 50.0  # drawn size of the ground [m]; the plane itself is infinite
     thickness: float = 0.2  # of stones [m]
 
@@ -51,13 +52,8 @@ class ContactSettings:
 CONTACT = ContactSettings()
 
 
-def foot_radius(leg: Leg) -> float:
-    """Radius of the foot's sphere in the plant [m]; a millimetre where the model knows none."""
-    return leg.foot_radius or CONTACT.least_radius
-
-
 def foot_geom(leg: Leg) -> str:
-    """Name of a foot's sphere in the compiled model."""
+    """Name of a foot's centre in the compiled model, with which the names of its spheres begin."""
     return f"foot {leg.name}"
 
 
@@ -74,7 +70,10 @@ def build_world(robot: Robot, terrain: Terrain, timestep: float, boxes: Sequence
     _add_ground(spec, terrain)
     trunk = spec.body(robot.trunk)
     for leg in robot.legs:
-        _add_sphere(spec, leg.links[2], foot_geom(leg), leg.foot_position, foot_radius(leg), terrain)
+        spec.body(leg.links[-1]).add_site(name=foot_geom(leg), pos=leg.foot_position)
+        points, radius = sole(robot, leg)
+        for k, point in enumerate(points.tolist()):
+            _add_sphere(spec, leg.links[-1], f"{foot_geom(leg)} {k}", point, radius, terrain)
     _add_frame(spec, robot, terrain)
     tray = Tray.of(robot)
     trunk.add_geom(
@@ -140,8 +139,10 @@ def _add_ground(spec: mujoco.MjSpec, terrain: Terrain) -> None:
 def _add_frame(spec: mujoco.MjSpec, robot: Robot, terrain: Terrain) -> None:
     """Adds knees and hips as spheres of the feet's size, and the trunk's boxes, which only collide with the ground."""
     for leg in robot.legs:
-        for link, part in zip(leg.links[1:], ("hip", "knee"), strict=True):
-            _add_sphere(spec, link, f"{FRAME} {leg.name} {part}", (0.0, 0.0, 0.0), foot_radius(leg), terrain)
+        links = leg.links[1 : len(leg.links) - (leg.contact == FLAT) * 2]  # ankles are near the ground
+        for k, link in enumerate(links):
+            part = "hip" if k < len(links) - 1 else "knee"
+            _add_sphere(spec, link, f"{FRAME} {leg.name} {part} {k}", (0.0, 0.0, 0.0), foot_radius(leg), terrain)
     boxes = [shape for shape in robot.shapes if shape.link == robot.trunk and shape.kind == "box"]
     for index, box in enumerate(boxes):
         spec.body(robot.trunk).add_geom(
@@ -155,7 +156,7 @@ def _add_frame(spec: mujoco.MjSpec, robot: Robot, terrain: Terrain) -> None:
 
 
 def _add_sphere(
-    spec: mujoco.MjSpec, link: str, name: str, centre: tuple[float, ...], radius: float, terrain: Terrain
+    spec: mujoco.MjSpec, link: str, name: str, centre: Sequence[float], radius: float, terrain: Terrain
 ) -> None:
     spec.body(link).add_geom(
         name=name,

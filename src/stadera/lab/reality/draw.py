@@ -7,20 +7,32 @@ from dataclasses import dataclass, fields, replace
 from types import MappingProxyType
 from typing import Any
 
+import mujoco
 import numpy as np
 
 from stadera.inertia import InertialParameters
 from stadera.lab.plant.friction import VaryingFriction
+from stadera.lab.plant.model import build_model, mass_matrix
+from stadera.lab.plant.sole import LEAST_RADIUS, foot_radius
 from stadera.lab.plant.terrain import Stones, Terrain
-from stadera.lab.plant.world import CONTACT, foot_radius
 from stadera.lab.sensor_errors import STANDARD
 from stadera.lab.sensors import effort_limits
 from stadera.robot.model import JointDynamics, Leg, Robot
+from stadera.robot.shapes import FLAT
+from stadera.robot.stance import standing_configuration
 from stadera.types import Array
 
 Range = tuple[float, float]
 
-_KINDS = 3  # of joints in a leg
+
+def kinds_of(robot: Robot) -> list[int]:
+    """The kind of each joint: its place in its leg, then, of joints outside the legs, how far they are from the trunk;
+    left and right are alike.
+    """
+    places = {joint: k for leg in robot.legs for k, joint in enumerate(leg.joints)}
+    first = 1 + max(places.values())
+    depth = {joint: first - 1 + len(robot.tree.ancestors(i)) for i, joint in enumerate(robot.tree.joints)}
+    return [places.get(joint, depth[joint]) for joint in robot.tree.joints]
 
 
 @dataclass(frozen=True)
@@ -83,6 +95,15 @@ class RealSizes:
     lost: Range = (0.0, 0.005)  # share of samples lost, uniform
     spikes: Range = (0.0, 0.5)  # outliers per second, uniform
     varying: VaryingSizes | None = None  # what varies over a log; None for nothing
+    # frequency [Hz] with which a joint's gear lets swing what is beyond it (the whole robot on the joint of a leg),
+    # uniform; encoders are on the motors' side. None for stiff joints.
+    elastic: Range | None = None
+    gives_way: float = 0.01  # most that an elastic gear gives way at the joint's effort limit [rad]
+
+    def of_drives(self, robot: Robot) -> RealSizes:
+        """The sizes for a robot's kind of drives: on flat feet, harmonic gears, as Talos and iCub have."""
+        harmonic = any(leg.contact == FLAT for leg in robot.legs)
+        return replace(self, coulomb=(0.03, 0.08), elastic=(10.0, 20.0)) if harmonic else self
 
 
 REAL_SETS: Mapping[str, RealSizes] = MappingProxyType(
@@ -115,14 +136,14 @@ class DrawnVarying:
         rng, joints = np.random.default_rng(np.random.SeedSequence(seed).spawn(5)[4]), robot.tree.joints
         ranges = [(max(robot.limits[j].lower, -np.pi), min(robot.limits[j].upper, np.pi)) for j in joints]
         variation = rng.uniform(-1.0, 1.0, (len(joints), sizes.knots))
-        kind = {joint: k for leg in robot.legs for k, joint in enumerate(leg.joints)}
-        load = rng.uniform(*sizes.by_load, _KINDS)
+        kind = kinds_of(robot)
+        load = rng.uniform(*sizes.by_load, max(kind) + 1)
         friction = VaryingFriction(
             coulomb=np.array([true.dynamics[joint].coulomb for joint in joints]),
             low=np.array([low for low, _ in ranges]),
             high=np.array([high for _, high in ranges]),
             variation=sizes.by_position * variation / np.abs(variation).max(axis=1, keepdims=True),
-            load=load[[kind[joint] for joint in joints]],
+            load=load[kind],
         )
         drift = sizes.drift * effort_limits(robot) * rng.uniform(-1.0, 1.0, len(joints))
         lowpass, jitter = float(rng.uniform(*sizes.lowpass)), float(rng.uniform(0.0, sizes.jitter))
@@ -163,13 +184,14 @@ class Drawn:
     terrain: Terrain  # the ground
     lost: float  # share of samples
     spikes: float  # per second
+    compliance: Array  # of the gears [rad/(N·m)]
     varying: DrawnVarying | None = None  # what varies over the run
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values, SI units; joints by name, links with their true ten parameters."""
         joints = self.robot.tree.joints
         by_joint = {"torque_gain": self.torque_gain, "torque_offset": self.torque_offset}
-        by_joint["encoder_zero"] = self.encoder_zero
+        by_joint |= {"encoder_zero": self.encoder_zero, "compliance": self.compliance}
         rest = {
             f.name: getattr(self, f.name)
             for f in fields(self)
@@ -226,7 +248,22 @@ def drawn(robot: Robot, sizes: RealSizes, seed: int) -> Drawn:
         lost=float(sensors.uniform(*sizes.lost)),
         spikes=float(sensors.uniform(*sizes.spikes)),
         varying=DrawnVarying.of(robot, true, sizes.varying, seed) if sizes.varying else None,
+        compliance=_compliance(robot, sizes, seed),
     )
+
+
+def _compliance(robot: Robot, sizes: RealSizes, seed: int) -> Array:
+    """Compliance (n,) [rad/(N·m)], by a generator of its own: 1 / (I (2π f)²), or what `gives_way` allows."""
+    n = len(robot.tree.joints)
+    if sizes.elastic is None:
+        return np.zeros(n)
+    model = build_model(robot)
+    data = mujoco.MjData(model)
+    data.qpos[:] = standing_configuration(robot)
+    inertia = np.diag(mass_matrix(model, data)).copy()
+    inertia[[robot.tree.joints.index(j) for leg in robot.legs for j in leg.joints]] = robot.mass * robot.leg_length**2
+    swinging = 2.0 * np.pi * np.random.default_rng(np.random.SeedSequence(seed).spawn(7)[6]).uniform(*sizes.elastic, n)
+    return np.minimum(1.0 / (inertia * swinging**2), sizes.gives_way / effort_limits(robot))
 
 
 def with_usual_drives(robot: Robot, sizes: RealSizes) -> Robot:
@@ -253,7 +290,7 @@ def _true_robot(robot: Robot, sizes: RealSizes, limit: Array, rng: np.random.Gen
         return InertialParameters(scale * inertia.vector).shifted(sizes.link_com * _heavy(rng, 3))
 
     def trodden(leg: Leg) -> Leg:
-        radius = max(foot_radius(leg) + sizes.foot * float(rng.standard_normal()), CONTACT.least_radius)
+        radius = max(foot_radius(leg) + sizes.foot * float(rng.standard_normal()), LEAST_RADIUS)
         x, y, z = (np.asarray(leg.foot_position) + sizes.foot * rng.standard_normal(3)).tolist()
         return replace(leg, foot_position=(x, y, z), foot_radius=radius)
 
@@ -264,12 +301,12 @@ def _true_robot(robot: Robot, sizes: RealSizes, limit: Array, rng: np.random.Gen
 
 def _joints(robot: Robot, sizes: RealSizes, limit: Array, rng: np.random.Generator) -> dict[str, JointDynamics]:
     """Friction and rotors added to the model file's; joints of a kind (HAA, HFE, KFE) are similar."""
-    kind = {joint: k for leg in robot.legs for k, joint in enumerate(leg.joints)}
-    coulomb, viscous = _log_uniform(sizes.coulomb, rng), _log_uniform(sizes.viscous, rng)
-    rotor = rng.uniform(*sizes.rotor, _KINDS)
+    kinds = kinds_of(robot)
+    coulomb, viscous = (_log_uniform(size, rng, max(kinds) + 1) for size in (sizes.coulomb, sizes.viscous))
+    rotor = rng.uniform(*sizes.rotor, max(kinds) + 1)
     result = {}
-    for joint, most in zip(robot.tree.joints, limit.tolist(), strict=True):
-        k, given = kind[joint], robot.dynamics[joint]
+    for joint, k, most in zip(robot.tree.joints, kinds, limit.tolist(), strict=True):
+        given = robot.dynamics[joint]
         differ = 1.0 + sizes.alike * rng.uniform(-1.0, 1.0, 2)
         result[joint] = replace(
             given,
@@ -288,9 +325,9 @@ def _heavy(rng: np.random.Generator, n: int) -> Array:
     return np.asarray(np.clip(rng.standard_t(4.0, n) / np.sqrt(2.0), -5.0, 5.0))
 
 
-def _log_uniform(limits: Range, rng: np.random.Generator) -> Array:
+def _log_uniform(limits: Range, rng: np.random.Generator, count: int) -> Array:
     low, high = limits
-    return low * (high / low) ** rng.uniform(size=_KINDS)
+    return low * (high / low) ** rng.uniform(size=count)
 
 
 def _ground(sizes: RealSizes, rng: np.random.Generator) -> Terrain:

@@ -80,10 +80,12 @@ def measured_log(
     period = (time[-1] - time[0]) / (len(time) - 1)
     kept = slice(None, None, round(1.0 / (rate or draw.rate) / period))
     noise, limit = STANDARD.times(draw.noise), effort_limits(robot)[columns]
-    encoder = motion.position + draw.encoder_zero[columns]
+    gears = motion.effort * draw.compliance[columns]  # motors are ahead of the joints by what gears give way
+    encoder = motion.position + draw.encoder_zero[columns] + gears
     shape = encoder[kept].shape
     position = encoder[kept] + noise.position * rng.standard_normal(shape)
-    velocity = motion.velocity[kept] + noise.velocity * rng.standard_normal(shape)
+    moving = motion.velocity + np.gradient(gears, period, axis=0)
+    velocity = moving[kept] + noise.velocity * rng.standard_normal(shape)
     if draw.quantum is not None:
         position, velocity = _encoded(encoder, draw, period, noise.position, rng, kept)
     effort = _late(motion.effort, time, draw.delay)[kept] * draw.torque_gain[columns]

@@ -11,12 +11,14 @@ import numpy as np
 
 from stadera.errors import StaderaError, UnknownNameError
 from stadera.lab.control import Crawl
+from stadera.lab.control.arms import Arms, ArmTorques
 from stadera.lab.control.played import Played
 from stadera.lab.control.reference import Shake, TrunkPose
 from stadera.lab.control.stand import Controller, TestBed
 from stadera.lab.control.steps import CrawlCommand
 from stadera.lab.control.trot import Trot
 from stadera.lab.control.trunk import TrunkController
+from stadera.lab.control.whole_body import WholeBody
 from stadera.lab.laws.static_poses import static_poses
 from stadera.lab.scenarios.settings import Load, SimulateSettings
 from stadera.robot.model import Robot
@@ -37,6 +39,8 @@ class ScenarioDefaults:
     # clearance of a crawling foot above the difference between the highest and the lowest stone [m]
     over_stones: float = 0.02
     between: float = 1.0  # time of standing before each time that a motion is played [s]
+    squat: float = 1.2  # time in which it goes down, or up [s]
+    depth: float = 0.12  # of a squat, share of the leg
     still: float = 0.3  # time of standing before a motion begins [s]
     moving: float = 0.4  # share of the time for a pose used for moving to it
     swing: float = 40.0  # duration of legs' swinging in the air [s]
@@ -127,6 +131,21 @@ def _shake(bed: TestBed, settings: SimulateSettings) -> None:
     controller.follow(Shake.of(controller.robot, controller.reference, controller.time, settings.amplitude))
 
 
+def _squats(robot: Robot, settings: SimulateSettings, duration: float) -> Sequence[ScriptEvent]:
+    """Down and up again, over and over."""
+    down = np.array([0.0, 0.0, -DEFAULTS.depth * settings.amplitude * robot.leg_length])
+    start: list[TrunkPose] = []
+
+    def move(bed: TestBed, shift: np.ndarray) -> None:
+        controller = bed.trunk_controller
+        start[:] = start or [controller.reference]
+        controller.move(start[0].moved(shift, np.zeros(3)), DEFAULTS.squat)
+
+    times = np.arange(DEFAULTS.between, duration, DEFAULTS.squat)
+    squats = [ScriptEvent(float(t), partial(move, shift=(1 - k % 2) * down)) for k, t in enumerate(times)]
+    return [*squats, *_loading(robot, settings, DEFAULTS.load_after * duration)]
+
+
 def _crawl(bed: TestBed, settings: SimulateSettings) -> None:
     crawl = bed.controller
     assert isinstance(crawl, Crawl)
@@ -173,6 +192,7 @@ SCENARIOS: Mapping[str, Scenario] = MappingProxyType(
         "crawl-load": Scenario(f"crawls; {_OWN}", 12.0, _motion(_crawl, own=True), controller=_crawling),
         "shake": Scenario(f"stands with a small motion of the body, {_LATER}", 8.0, _motion(_shake)),
         "shake-load": Scenario(f"stands with a small motion; {_OWN}", 8.0, _motion(_shake, own=True)),
+        "squat": Scenario(f"squats by 12 % of the leg every 2.4 s, {_LATER}", 8.0, _squats),
         "motion": Scenario(
             "plays --motion F.csv twice by a joint PD controller, with --load in between",
             13.0,
@@ -183,6 +203,20 @@ SCENARIOS: Mapping[str, Scenario] = MappingProxyType(
     }
 )
 """By name."""
+
+
+def controlled(scenario: Scenario, robot: Robot, whole: Robot, arms: Arms) -> tuple[Controller, ArmTorques | None]:
+    """The controller of a robot, whole or as its model file is loaded, and what moves the arms if it does not.
+
+    Raises:
+        StaderaError: the scenario has a gait, and the robot is no quadruped.
+    """
+    if robot.quadruped:
+        return scenario.controller(robot, TrunkModel.prior(robot)), ArmTorques(whole, arms) if robot.extra else None
+    if scenario.controller is not _standing:
+        standing = ", ".join(name for name, one in SCENARIOS.items() if one.controller is _standing)
+        raise StaderaError(f"robot {robot.name} is no quadruped: it can {standing}")
+    return WholeBody(whole, arms), None
 
 
 def scenario_named(name: str) -> Scenario:

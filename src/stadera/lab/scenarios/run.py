@@ -7,9 +7,12 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from stadera.inertia import InertialParameters
 from stadera.lab.control import TestBed
+from stadera.lab.control.arms import Arms
 from stadera.lab.plant import (
     Plant,
+    RigidMass,
     SensorReading,
     Sensors,
     Stones,
@@ -20,13 +23,13 @@ from stadera.lab.plant import (
     recording_of,
     truth_of,
 )
+from stadera.lab.plant.whole import as_loaded, whole_robot
 from stadera.lab.reality import Drawn, TrueMotion, drawn, measured_log, with_usual_drives
-from stadera.lab.scenarios.catalog import Scenario, ScriptEvent, scenario_named
+from stadera.lab.scenarios.catalog import Scenario, ScriptEvent, controlled, scenario_named
 from stadera.lab.scenarios.settings import SimulateSettings
 from stadera.logs import Recording, read, write_table
 from stadera.robot.model import Robot
 from stadera.robot.stance import standing_configuration
-from stadera.trunk.model import TrunkModel
 from stadera.types import Progress
 from stadera.weigh.truth import Truth, TruthAt, read_truth, truth_json, truth_paths
 
@@ -66,23 +69,27 @@ def simulate(
 ) -> Run:
     """Runs a scenario of the true robot, before errors are added. The same arguments give the same run.
 
-    The trunk controller keeps the model file's trunk, so a load tilts the trunk, according to eq. 12.
+    The trunk controller keeps the model file's trunk, so a load tilts the trunk, according to eq. 12. Joints outside
+    the legs move too, and are in the log as any others.
     """
     settings, scenario = settings or SimulateSettings(), scenario_named(name)
     duration = settings.duration or scenario.duration
-    made = _drawn(robot, scenario, settings) if settings.real_sizes else _sized(robot, scenario, settings)
+    whole = whole_robot(robot)
+    made = _drawn(whole, scenario, settings) if settings.real_sizes else _sized(whole, scenario, settings)
+    known = made.controlled or made.model
+    controller, arms = controlled(scenario, as_loaded(known, robot), known, Arms(known, settings.arms))
     friction = made.draw.varying.friction if made.draw and made.draw.varying else None
     plant = Plant(made.real, made.terrain, PERIOD, friction)
-    plant.reset(standing_configuration(robot))
+    plant.reset(standing_configuration(whole))
     if settings.outside is not None:
         plant.pull(settings.outside)
-    sensors = _KeptSensors(settings.sensor_errors, settings.seed, robot)
+    sensors = _KeptSensors(settings.sensor_errors, settings.seed, whole)
     sensors.keep(1 if made.draw else settings.every)
-    bed = TestBed(
-        plant, sensors, scenario.controller(made.controlled or made.model, TrunkModel.prior(robot)), hold=settings.hold
-    )
+    bed = TestBed(plant, sensors, controller, hold=settings.hold, arms=arms)
     script = scenario.script(robot, made.settings, duration)
-    moments = _played(bed, sorted(script, key=lambda event: event.time), duration, progress)
+    # of the trunk that is weighed, which contains the arms at their reference
+    arm = as_loaded(made.real, robot).inertias[robot.trunk] - made.real.inertias[robot.trunk]
+    moments = _played(bed, sorted(script, key=lambda event: event.time), duration, arm, progress)
     truth = Truth(
         robot=robot.name,
         scenario=name,
@@ -93,8 +100,15 @@ def simulate(
         moments=moments,
         drawn=made.draw.to_dict() if made.draw else None,
     )
-    log, states = _logged(sensors, robot, made, settings, f"simulated {robot.name}, {name}")
-    return Run(log, truth, truth_of(states, robot), made.model)
+    log, states = _logged(sensors, whole, made, settings, f"simulated {robot.name}, {name}")
+    return Run(log, truth, truth_of(states, whole), as_loaded(made.model, robot))
+
+
+def _now(plant: Plant, arm: InertialParameters, bare: InertialParameters) -> TruthAt:
+    """The truth at this instant; of loads on links other than the trunk the one that was added last."""
+    now = TruthAt.of(plant.time, plant.truth() + arm, bare)
+    held = [load for load in plant.payloads if isinstance(load, RigidMass) and load.link is not None]
+    return now.holding(held[-1].parameters, str(held[-1].link)) if held else now
 
 
 def _logged(
@@ -143,7 +157,8 @@ def _sized(robot: Robot, scenario: Scenario, settings: SimulateSettings) -> _Mad
 def _drawn(robot: Robot, scenario: Scenario, settings: SimulateSettings) -> _Made:
     """The estimator has the model file's robot, the controller usual drives too; settings override what is drawn."""
     assert settings.real_sizes is not None
-    draw = drawn(robot, settings.real_sizes, settings.seed)
+    sizes = settings.real_sizes.of_drives(robot)
+    draw = drawn(robot, sizes, settings.seed)
     terrain = draw.terrain
     slope = settings.slope if settings.slope is not None else scenario.slope or None
     if slope is not None:
@@ -152,13 +167,15 @@ def _drawn(robot: Robot, scenario: Scenario, settings: SimulateSettings) -> _Mad
         terrain = replace(terrain, stones=Stones(seed=settings.seed, height=settings.stones))
     draw = replace(draw, terrain=terrain)
     stones = terrain.stones.height if terrain.stones else 0.0
-    usual = with_usual_drives(robot, settings.real_sizes)
+    usual = with_usual_drives(robot, sizes)
     return _Made(draw.robot, robot, terrain, replace(settings, stones=stones), draw, usual)
 
 
-def _played(bed: TestBed, events: list[ScriptEvent], duration: float, progress: Progress | None) -> tuple[TruthAt, ...]:
+def _played(
+    bed: TestBed, events: list[ScriptEvent], duration: float, arm: InertialParameters, progress: Progress | None
+) -> tuple[TruthAt, ...]:
     """Runs the events; returns the trunk's truth at the start and at each change."""
-    bare = bed.plant.truth()
+    bare = bed.plant.truth() + arm
     moments = [TruthAt.of(0.0, bare, bare)]
     total, waiting = round(duration / PERIOD), list(events)
     for k in range(total):
@@ -167,7 +184,7 @@ def _played(bed: TestBed, events: list[ScriptEvent], duration: float, progress: 
             waiting.pop(0).act(bed)
             if bed.plant.payloads != loads:
                 moments = [m for m in moments if m.time < bed.plant.time]
-                moments.append(TruthAt.of(bed.plant.time, bed.plant.truth(), bare))
+                moments.append(_now(bed.plant, arm, bare))
         bed.step()
         if progress and k % 250 == 0:
             progress("simulating", k, total)

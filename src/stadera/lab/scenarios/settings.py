@@ -10,6 +10,7 @@ import numpy as np
 from stadera.errors import StaderaError, UnknownNameError, positive
 from stadera.lab.plant import OutsideForce, SensorErrors, sensor_errors
 from stadera.lab.plant.payload import Payload, RigidMass, VirtualForce
+from stadera.lab.plant.whole import on_link
 from stadera.lab.reality import REAL_SETS, RealSizes
 from stadera.lab.sensor_errors import ERROR_SETS
 from stadera.logs.recording import Recording
@@ -19,14 +20,15 @@ from stadera.trunk.model import TrunkBounds
 
 @dataclass(frozen=True)
 class Load:
-    """A load on the trunk."""
+    """A load on the trunk, or on another link."""
 
     amount: float  # positive
     # "kg" for a rigid cube of 10 cm fixed to the trunk; "N" for the paper's virtual force, without inertia
     unit: Literal["kg", "N"] = "kg"
-    # [m], of its centre in the trunk frame; None for a quarter of the feet's rectangle behind and to the left of the
-    # middle, at the height of the hips
+    # [m], of its centre in the frame of what it is on; None for that frame's origin, on the trunk for a quarter of the
+    # feet's rectangle behind and to the left of the middle, at the height of the hips
     at: tuple[float, float, float] | None = None
+    on: str | None = None  # link or frame of the model; None for the trunk
 
     def __post_init__(self) -> None:
         positive("a load", self.amount, self.unit)
@@ -34,11 +36,18 @@ class Load:
             raise StaderaError(f"a load is in kg or N, got {self.unit!r}")
         if self.at is not None and not np.isfinite(self.at).all():
             raise StaderaError(f"a load's place must be three finite numbers, got {self.at}")
+        if self.on is not None and self.unit == "N":
+            raise StaderaError("a virtual force is on the trunk; a load on a link is in kg")
 
     def payload(self, robot: Robot) -> Payload:
         """Converts it to a payload of the test-bed."""
+        size = (0.1, 0.1, 0.1)
+        if self.on is not None:
+            link, rotation, origin = on_link(robot, self.on)
+            x, y, z = (rotation @ np.asarray(self.at or (0.0, 0.0, 0.0)) + origin).tolist()
+            return RigidMass.box(self.amount, size, (x, y, z), link if link != robot.trunk else None)
         at = self.at or _behind(robot)
-        return VirtualForce(self.amount, at) if self.unit == "N" else RigidMass.box(self.amount, (0.1, 0.1, 0.1), at)
+        return VirtualForce(self.amount, at) if self.unit == "N" else RigidMass.box(self.amount, size, at)
 
 
 @dataclass(frozen=True)
@@ -61,6 +70,7 @@ class SimulateSettings:
     stones: float = 0.0  # [m], largest deviation of the stepping stones' heights; 0 for a plane
     hold: int = 1  # periods of the test-bed for which the controller's torques are held, see `TestBed`
     outside: OutsideForce | None = None  # an external force other than a load; None for none
+    arms: float = 0.0  # amplitude with which joints outside the legs swing [rad]
     motion: Recording | None = None  # a table of joint positions, of the scenario "motion"
 
     def __post_init__(self) -> None:
@@ -74,7 +84,7 @@ class SimulateSettings:
         if self.duration == 0.0:
             raise StaderaError("a run's duration must be positive, got 0.0 s")
         _require(0.0, duration=self.duration, seed=self.seed, load_time=self.load_time, stones=self.stones)
-        _require(-np.inf, speed=self.speed, turn=self.turn, amplitude=self.amplitude)
+        _require(-np.inf, speed=self.speed, turn=self.turn, amplitude=self.amplitude, arms=self.arms)
 
     @property
     def sensor_errors(self) -> SensorErrors:
