@@ -15,6 +15,7 @@ from scipy.interpolate import make_interp_spline
 
 from robot.robot_files import urdf, urdf_leg, write
 from stadera import identify, weigh
+from stadera.errors import UnknownNameError
 from stadera.inertia import InertialParameters
 from stadera.logs import Imu, Recording
 from stadera.robot import JointDynamics, Robot, load_robot
@@ -253,3 +254,59 @@ def test_a_payload_is_weighed_at_rest_on_any_legs(name: str | int, imu: bool, tm
     assert found.balance is not None
     np.testing.assert_allclose(found.balance.force.sum(), 9.81 * (robot.mass + mass), rtol=1e-3)
     np.testing.assert_allclose(found.balance.pressure, found.balance.robot_com, atol=0.005)
+
+
+IN_HAND = InertialParameters.from_com(2.0, (0.08, 0.01, 0.02), 0.01 * np.eye(3))
+
+
+def after_tare(robot: Robot, samples: Samples, at: str | None = None) -> TrunkEstimator:
+    estimator = TrunkEstimator(robot, imu_frame=robot.trunk, at=at)
+    estimator.add(samples[samples.time < TARED])
+    estimator.tare()
+    estimator.add(samples[samples.time >= TARED])
+    assert estimator.trust.verdict == "good", estimator.trust.reasons
+    return estimator
+
+
+@pytest.mark.parametrize(("name", "link"), [("g1", "left_wrist_yaw_link"), ("b1_z1", "link06")])
+def test_a_load_in_a_hand_is_found_and_weighed_there(name: str, link: str) -> None:
+    robot = of_file(name)
+    extra = robot.extra
+    assert extra is not None
+    joint = extra.joints[extra.links.index(link)]
+    samples = swaying(robot, IN_HAND, 0.2, (joint,), until=8.0)
+    for at in (None, link):
+        estimator = after_tare(robot, samples[samples.time < 7.5], at)
+        payload = estimator.payload
+        assert payload is not None
+        assert payload.at == link
+        assert payload.mass == pytest.approx(2.0, abs=0.003 * robot.mass)
+        np.testing.assert_allclose(payload.com, IN_HAND.com, atol=3e-3)
+        assert abs(estimator.trunk.inertial.mass - robot.inertias[robot.trunk].mass) < 0.003 * robot.mass
+        (change,) = estimator.changes  # the arm's motion is none
+        assert (change.kind, change.at) == ("on", link)
+        assert at is not None or payload.places[link] > 0.99
+    estimator.add(samples[samples.time >= 7.5])
+    assert [(change.kind, change.at) for change in estimator.changes] == [("on", link), ("off", link)]
+
+
+def test_one_load_in_both_hands_is_told_from_one_in_either() -> None:
+    robot = of_file("g1")
+    samples = swaying(robot, IN_HAND, 0.2, ("left_wrist_yaw_joint", "right_wrist_yaw_joint"))
+    payload = after_tare(robot, samples).payload
+    assert payload is not None
+    assert payload.at == "left_wrist_yaw_link + right_wrist_yaw_link"
+    assert payload.mass == pytest.approx(4.0, abs=0.003 * robot.mass)
+
+
+def test_without_torques_and_motion_of_its_arm_a_load_in_a_hand_is_not_told_from_one_on_the_trunk() -> None:
+    robot = of_file("b1_z1")
+    samples = swaying(robot, IN_HAND, 0.0, ("joint6",))
+    k = samples.extra.shape[1] // 3
+    samples = replace(samples, extra=np.hstack([samples.extra[:, : 2 * k], np.zeros((len(samples), k))]))
+    payload = after_tare(robot, samples).payload
+    assert payload is not None
+    assert max(payload.places.values()) < 0.95
+    assert payload.mass == pytest.approx(2.0, abs=0.01 * robot.mass)
+    with pytest.raises(UnknownNameError, match=r"unknown link 'hand'; valid: .*link06"):
+        TrunkEstimator(robot, at="hand")

@@ -40,6 +40,7 @@ def live(
     ] = None,
     weight: opt.Weight = None,
     memory: opt.MemoryFile = None,
+    at: opt.At = None,
     legs: opt.LegsFile = None,
     force: opt.Force = False,
     record: Annotated[Path | None, option("F.mcap", "Record received and sent messages.")] = None,
@@ -87,6 +88,7 @@ def live(
             weight=on_scale,
             tare_after=tare,
             memory=known,
+            at=at,
         )
         with _until_stopped() as stop, _shown() as sink:
             last = run(session, where, stop, [sink], drafts[0] if drafts else None)

@@ -55,6 +55,10 @@ Weight = Annotated[
 Known = Annotated[
     str | None, option("KG@X,Y,Z", "The payload, if it is a test weight [kg, m]: it calibrates the torques.")
 ]
+At = Annotated[
+    str | None,
+    option("LINK", "Link or frame on which the payload is, such as a hand's [default: the likeliest place]."),
+]
 MemoryFile = Annotated[
     Path | None, option("F.json", "What earlier logs told of this robot; read if it is there, and written anew.")
 ]

@@ -32,6 +32,7 @@ def weigh(
     weight: opt.Weight = None,
     known: opt.Known = None,
     memory: opt.MemoryFile = None,
+    at: opt.At = None,
     stiffness: opt.Stiffness = None,
     legs: opt.LegsFile = None,
     force: opt.Force = False,
@@ -51,7 +52,8 @@ def weigh(
     """Weigh a robot from its log: trunk with payload, centre of mass, and changes of the load.
 
     In motion every instant is used, standing included. At rest the mass follows from the upward contact force (eq. 7),
-    and times in motion are ignored. --tare gives the payload as the difference. A result on which model and log
+    and times in motion are ignored. --tare gives the payload as the difference, and where it is: on the trunk, or at
+    the end of a limb. A result on which model and log
     contradict each other is refused (exit code 1) unless --force is given.
     """
     springs = None if stiffness is None else parse.point(stiffness)
@@ -89,6 +91,7 @@ def weigh(
             weight=on_scale,
             known=test,
             memory=remembered,
+            at=at,
         )
     files.write(
         (export, result.save_urdf),

@@ -70,7 +70,7 @@ def of_state(state: LiveState) -> dict[str, bytes]:
     if state.is_trusted and state.stamp:
         out[TRUNK] = trunk_message(state.trunk.inertial, state.link, state.stamp)
         if state.payload is not None:
-            out[PAYLOAD] = payload_message(state.payload, state.link, state.stamp)
+            out[PAYLOAD] = payload_message(state.payload, state.payload.at or state.link, state.stamp)
     return out
 
 

@@ -123,6 +123,7 @@ class LiveSession:
         tare_after: time since the first sample [s] at which the tare is taken, or as soon as it can be; None: on
             request.
         memory: what earlier logs told of this robot, see `stadera.trunk.memory`.
+        at: link or frame on which the payload is, see `TrunkEstimator`.
 
     Attributes:
         intake: of the messages. estimator: of the trunk; None before the first samples.
@@ -140,14 +141,15 @@ class LiveSession:
         weight: tuple[float, float] | None = None,
         tare_after: float | None = None,
         memory: Memory | None = None,
+        at: str | None = None,
     ) -> None:
         self.robot, self.settings = robot, settings or LiveSettings()
         self.intake = Intake(robot, topics, self.settings, reading)
         self._guard = StreamGuard(robot, imu_frame, self.settings.guarded, fix, reading.changes)
         self.estimator: TrunkEstimator | None = None
         self.imu_frame, self.fix, self._watch, self._posed = imu_frame, fix, watch, robot
-        self._tare_after = tare_after
-        self._idle, self._weight = TrunkEstimator(robot, settings=self.settings.trunk), weight
+        self._tare_after, self._at = tare_after, at
+        self._idle, self._weight = TrunkEstimator(robot, settings=self.settings.trunk, at=at), weight
         if weight is not None:
             self._idle.know_weight(*weight)  # raises immediately for one that the robot cannot have
         self._memory = None if memory is None else memory.check(robot)
@@ -285,7 +287,7 @@ class LiveSession:
             frame = self.imu_frame or (recording.imu.frame if recording.imu is not None else None)
             mount = ImuMount.of(self.robot, frame)
             self._posed = posed_as(self.robot, recording.others)
-            estimator = TrunkEstimator(self._posed, settings=self.settings.trunk, mount=mount)
+            estimator = TrunkEstimator(self._posed, settings=self.settings.trunk, mount=mount, at=self._at)
             if self._weight is not None:
                 estimator.know_weight(*self._weight)
             if self._memory is not None:

@@ -83,6 +83,8 @@ class LiveState:
         places = [("trunk", trunk.com, trunk.com_std)]
         if payload is not None:
             shown["payload mass [kg]"] = with_std(payload.mass, payload.mass_std) + mark
+            if payload.at:
+                shown["payload at"] = payload.at
             places.append(("payload", payload.com, payload.com_std))
         for what, com, std in places:
             for axis, value, error in zip("xyz", com, std, strict=True):

@@ -228,7 +228,9 @@ class Viewer:
         )
         if payload is not None:
             self._plot("payload", payload.mass, payload.mass_std, payload.com, payload.com_std)
-            self._draw_payload(payload.com, payload.com_covariance, f"{payload.mass:.2f} kg", posture, colour)
+            on_trunk = payload.at in ("", estimator.robot.trunk)
+            centre = payload.com if on_trunk else np.full(3, np.nan)
+            self._draw_payload(centre, payload.com_covariance, f"{payload.mass:.2f} kg", posture, colour)
         for change in estimator.changes[self._changes :]:
             log("events", rr.TextLog(f"load {change.kind}, at {change.time - self._begin:.2f} s", level="INFO"))
         self._changes = len(estimator.changes)

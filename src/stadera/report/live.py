@@ -73,7 +73,7 @@ def live_summary(state: LiveState) -> str:
     text = f"trunk {with_scale(trunk.inertial.mass, trunk.mass_std, trunk.mass_std_without_scale)}{_mark(state)}"
     if payload is not None:
         mass = with_scale(payload.mass, payload.mass_std, payload.mass_std_without_scale)
-        text += f"; payload {mass}{_mark(state)}"
+        text += f"; payload {mass}{_mark(state)}{payload.at and f' at {payload.at}'}"
     return f"{text}; trust: {trust_text(state.trust)}"
 
 

@@ -126,7 +126,7 @@ class LoadChange:
         mass, mass_std: difference in mass [kg]; errors common to both sides cancel.
         kind: on, off, or shifted if the mass is the same within its error.
         mass_std_without_scale: as of `Payload` [kg].
-        at: the link on which the load is since; empty for the trunk.
+        at: the link on which the load came or from which it went; empty for the trunk.
     """
 
     time: float

@@ -139,5 +139,6 @@ class LoadChanges:
         if abs(mass) < max(SIGNIFICANT * std, self._settings.changes.shifted * self._mass):
             kind = "shifted"
         by_scale = errors.by_scale(after.sensitivity - before.sensitivity)
-        at = "" if now.held is None else self._where.name(now.held.at)
+        held = now.held if mass > 0 else change.before.held
+        at = "" if held is None else self._where.name(held.at)
         return LoadChange(change.time, change.noticed, mass, std, kind, without_scale(variance, by_scale[0]), at)

@@ -41,6 +41,7 @@ class Setup:
         posture: control law that holds the trunk, for methods that need it; None if unknown.
         mount: of the IMU that supplies the values; None for the model's.
         settings: of the estimator for any motion; None for the defaults.
+        at: link or frame on which the load is, for the estimator for any motion; None to find where it is.
     """
 
     robot: Robot
@@ -49,6 +50,7 @@ class Setup:
     posture: PostureLaw | None = None
     mount: ImuMount | None = None
     settings: TrunkSettings | None = None
+    at: str | None = None
 
 
 @dataclass(frozen=True)
@@ -102,7 +104,7 @@ METHODS: Mapping[str, Method] = MappingProxyType(
         ),
         "walking": Method(
             "every instant, whatever the motion; torque offsets as unknowns",
-            lambda s: TrunkEstimator(s.robot, start=s.start, settings=s.settings, mount=s.mount),
+            lambda s: TrunkEstimator(s.robot, start=s.start, settings=s.settings, mount=s.mount, at=s.at),
         ),
     }
 )

@@ -111,7 +111,7 @@ def doubts(
     difference = trunk - robot.inertias[robot.trunk]
     found: list[tuple[Verdict, str]] = []
     if footprint.stood:
-        added = None if payload is None else payload.parameters
+        added = payload.parameters if payload is not None and payload.at in ("", robot.trunk) else None
         loads = [difference] if added is None else [difference - added, added]
         found = [doubt for load in loads for doubt in _of_one_leg(robot, load, footprint, limits)]
     if footprint.lay:

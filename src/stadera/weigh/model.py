@@ -31,9 +31,14 @@ class WeighedModel:
 
 def weighed_model(result: Weighing) -> WeighedModel:
     """Makes the model of the weighed robot. Raises IdentificationError: the trunk's mass was not observed; or, with a
-    tare, the payload was not observed, or no component of its centre of mass.
+    tare, the payload was not observed, or no component of its centre of mass, or it is elsewhere than on the trunk.
     """
     robot, trunk, payload = result.robot, result.trunk, result.payload
+    if payload is not None and payload.at not in ("", robot.trunk):
+        raise IdentificationError(
+            f"{result.source}: the payload is at {payload.at}: only one on the trunk {robot.trunk!r} is written into a "
+            "model file"
+        )
     mark = "" if result.is_trusted else f" NOT TO BE TRUSTED: {'; '.join(result.trust.reasons)}."
     link = None if payload is None else payload_link(payload, trunk.inertial.com)
     if not np.isfinite(result.mass_std):

@@ -18,7 +18,7 @@ from stadera.logs.recording import Imu
 from stadera.robot.imu import ImuMount
 from stadera.robot.model import Robot
 from stadera.trunk.estimator import TrunkEstimator
-from stadera.trunk.load import LoadChange, Payload, since_tare
+from stadera.trunk.load import SIGNIFICANT, LoadChange, Payload, since_tare
 from stadera.trunk.measurement import Measurement, measurements_of
 from stadera.trunk.memory import Memory
 from stadera.trunk.posture import PostureLaw
@@ -56,6 +56,7 @@ class Request:
     weight: tuple[float, float] | None = None
     known: TestWeight | None = None
     memory: Memory | None = None
+    at: str | None = None
 
 
 def weighed(request: Request, log: CheckedLog) -> Weighing:
@@ -86,6 +87,20 @@ def trust_now(estimator: Weigher, learnt: float | None = None, begin: float = 0.
     verdict: Verdict = "bad" if estimate.reason.startswith("the estimate runs away") else "doubtful"
     at = estimate.time if learnt is None else learnt
     return trust.at_most(verdict, f"as known at {at - begin:.2f} s; nothing was learnt after it: {estimate.reason}")
+
+
+def whereabouts(payload: Payload | None) -> str:
+    """Where a payload is, and how sure that is, one sentence; empty if that was not asked, or without a payload."""
+    if payload is None or not payload.places or abs(payload.mass) < SIGNIFICANT * payload.mass_std:
+        return ""
+    best, second = sorted(payload.places.items(), key=lambda item: -item[1])[:2]
+    if best[0] != payload.at:
+        return (
+            f"the load is taken to be at {payload.at}, and cannot be told from one at {best[0]}: --at LINK says where "
+            "it is, and motion of the limbs, or their torques in the log, show it"
+        )
+    odds = best[1] / max(second[1], 1e-12)
+    return f"the load is at {best[0]}, by odds of {min(odds, 1e6):.2g} to 1 against {second[0]}"
 
 
 class _LogPass:
@@ -229,6 +244,7 @@ class _LogPass:
             notes=(
                 *dict.fromkeys([*remarks, *(note for read in logs for note in read.notes)]),
                 *self._uncovered(),
+                *filter(None, [whereabouts(payload)]),
                 *filter(None, [said]),
             ),
             memory=memory,
@@ -256,7 +272,7 @@ class _LogPass:
             lacks = "; the log has no IMU, without which only rest can be weighed by" if imu is None else ""
             return AtRest(robot, self._locating, request.settings, lacks)
         mount = ImuMount.of(robot, self.log.imu_frame or (None if imu is None else imu.frame))
-        estimator = self._method.make(Setup(robot, mount=mount, settings=request.settings.trunk))
+        estimator = self._method.make(Setup(robot, mount=mount, settings=request.settings.trunk, at=request.at))
         if isinstance(estimator, TrunkEstimator):
             if request.weight is not None:
                 estimator.know_weight(*request.weight)

@@ -259,9 +259,11 @@ class Weighing(Result):
         """Plain values for JSON: SI units, null for unobserved quantities; keys are only ever added.
 
         The trunk's centre of mass is in the trunk frame ("frame"), its inertia about that frame's origin
-        ("inertia_about") in its axes, null at rest. The payload's centre of mass is in the trunk frame too, its inertia
-        about that centre in trunk axes. "joints" are rotor inertia, friction and offsets that the motion told; with
-        "links", which weighing leaves as they are, they are what `--legs` takes. In a result that cannot be trusted,
+        ("inertia_about") in its axes, null at rest. The payload's centre of mass is in its own "frame", its inertia
+        about that centre in that frame's axes: the trunk's, or that of the link "at" which it is; "places" are the
+        probabilities of all places that were compared. The trunk is without a payload that is elsewhere. "joints" are
+        rotor inertia, friction and offsets that the motion told; with "links", which weighing leaves as they are, they
+        are what `--legs` takes. In a result that cannot be trusted,
         every mass and centre of mass of trunk, payload and changes has "trusted": false. "determined" says whether
         masses are known well enough to be of use, "next" what to do where not.
         """

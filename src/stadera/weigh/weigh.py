@@ -13,6 +13,7 @@ from stadera.logs.columns import HALF_IMU
 from stadera.logs.reader import Log, as_log
 from stadera.logs.recording import Recording
 from stadera.robot import load_robot
+from stadera.robot.limbs import place_of
 from stadera.robot.model import Robot
 from stadera.threads import one_thread
 from stadera.trunk.memory import Memory
@@ -45,6 +46,7 @@ def weigh(
     weight: float | tuple[float, float] | None = None,
     known: TestWeight | None = None,
     memory: Memory | None = None,
+    at: str | None = None,
 ) -> Weighing:
     """Weighs the trunk of a robot, with everything attached to it, and the payload added since a tare.
 
@@ -69,9 +71,12 @@ def weigh(
         known: the payload since the tare, if its owner knows it: it calibrates gains and offsets. In motion only.
         memory: what earlier logs told of this robot; `Memory.none(robot)` begins one. The result's `memory` has this
             log besides. In motion only.
+        at: link or frame of the model on which the payload is, such as a hand's: its mass and centre in that frame,
+            by what the legs and the limb's own joints feel; the trunk is without it. None compares trunk, torso, and
+            the ends of all limbs, and says which is the likeliest (`Payload.places`). In motion only.
 
     Raises:
-        ModelError, UnknownNameError: no such robot, method or frame.
+        ModelError, UnknownNameError: no such robot, method, link or frame.
         RecordingError: the log cannot be read, or lacks a joint, its torque, or the IMU that the method needs.
         IdentificationError: the log contains no usable data, or none within the tare; options that do not fit the
             method.
@@ -88,10 +93,12 @@ def weigh(
     source, *others = (CheckedLog(model, each, chosen, imu_frame, force) for each in read)
     span, shifted = _in_time_of(source, tare) if isinstance(tare, tuple) else (None, ())
     unloaded = others[0] if others else span
+    if at is not None and place_of(model, at).body >= len(model.tree.joints) and source.first.others is None:
+        raise RecordingError(f"{source.source.source}: --at {at}: the log lacks the joints that carry it")
     name = method or _choose_method(source, others, chosen)
     on_scale = weight_of(f"{weight}") if isinstance(weight, int | float) else weight
-    _check_method(name, source, others, watch is not None, on_scale is not None, known or memory)
-    request = Request(model, name, chosen, unloaded, stiffness, progress, watch, on_scale, known, memory)
+    _check_method(name, source, others, watch is not None, on_scale is not None, known or memory, at)
+    request = Request(model, name, chosen, unloaded, stiffness, progress, watch, on_scale, known, memory, at)
     result = weighed(request, source)
     if result.trust.verdict == "bad" and not force:
         raise UntrustedError(f"{result.source}: not to be trusted: {'; '.join(result.trust.reasons)}")
@@ -122,7 +129,13 @@ def _choose_method(log: CheckedLog, others: list[CheckedLog], settings: WeighSet
 
 
 def _check_method(
-    name: str, log: CheckedLog, others: list[CheckedLog], watch: bool, weight: bool, more: object
+    name: str,
+    log: CheckedLog,
+    others: list[CheckedLog],
+    watch: bool,
+    weight: bool,
+    more: object,
+    at: str | None,
 ) -> None:
     """Checks that a method suits logs and options. Raises RecordingError or IdentificationError."""
     method, source = method_of(name), log.source
@@ -130,6 +143,7 @@ def _check_method(
         (watch, "only weighing in motion can be watched"),
         (weight, "a weight is used in motion only"),
         (more is not None, "a test weight and a memory are used in motion only"),
+        (at is not None, "a payload elsewhere than on the trunk is weighed in motion only"),
     )
     for asked, what in in_motion:
         if asked and name != IN_MOTION:
@@ -154,7 +168,7 @@ def _other_robots(robot: Robot, result: Weighing) -> str:
     """Says that the robot, as it was at the tare, is as heavy as another one known by name; empty if it is not."""
     if not np.isfinite(result.mass):
         return ""
-    added = 0.0 if result.payload is None else result.payload.mass
+    added = 0.0 if result.payload is None or result.payload.at not in ("", robot.trunk) else result.payload.mass
     mass = robot.mass + result.mass - robot.inertias[robot.trunk].mass - added
     others = other_robots(robot, mass, result.payload is None)
     what = "with all that is on it" if result.payload is None else "without the payload"

@@ -38,7 +38,8 @@ def headline(result: Weighing) -> str:
         if not result.determined()["payload"]:
             most = max(payload.mass, 0.0) + 2.0 * payload.mass_std
             return f"Payload not determined: below {number(most, 2)} kg (95 %)"
-        answer = f"Payload {with_scale(payload.mass, payload.mass_std, payload.mass_std_without_scale)}"
+        at = "" if payload.at in ("", result.robot.trunk) else f" at {payload.at}"
+        answer = f"Payload{at} {with_scale(payload.mass, payload.mass_std, payload.mass_std_without_scale)}"
     elif result.mass == result.mass:
         mass = with_scale(result.mass, result.mass_std, result.trunk.mass_std_without_scale)
         answer = f"Trunk with all that is on it {mass}"
@@ -54,7 +55,9 @@ def answer(result: Weighing) -> str:
     known = ", ".join(f"{axis} {text}" for axis, text, std in seen if std == std)
     if not result.determined().get("payload", True):
         return f"{headline(result)}. {' '.join(map(step_text, result.next))}".strip()
-    where = f"centre of mass {known} m in the trunk's frame" if known else "its centre of mass was not observed"
+    at = "" if result.payload is None else result.payload.at
+    frame = "the trunk's frame" if at in ("", result.robot.trunk) else f"the frame of {at}"
+    where = f"centre of mass {known} m in {frame}" if known else "its centre of mass was not observed"
     return f"{headline(result)}; {where}."
 
 
@@ -94,7 +97,7 @@ def inertia_table(result: Weighing) -> TableData | None:
         ]
     if payload is not None and payload.inertia is not None and payload.inertia_std is not None:
         tensor = payload.inertia[np.triu_indices(3)]  # in the order of `stadera.inertia.ORDER`
-        about = f"payload, about its own centre of mass, axes of {result.robot.trunk!r}"
+        about = f"payload, about its own centre of mass, axes of {payload.at or result.robot.trunk!r}"
         rows[about] = [("found", *_cells(result, tensor, payload.inertia_std))]
     return TableData.of("Inertia", ("inertia [kg·m²]", *ORDER[4:]), rows) if rows else None
 
@@ -142,10 +145,10 @@ def drives_text(result: Weighing) -> str:
 
 def changes_table(result: Weighing, most: int | None = None) -> TableData:
     """The changes of the load, the first `most` of them."""
-    rows: list[Row] = [
-        (f"{c.time:.2f}", f"{c.noticed:.2f}", c.kind, *_cells(result, np.array([c.mass]), np.array([c.mass_std])))
-        for c in result.changes[:most]
-    ]
+    rows: list[Row] = []
+    for c in result.changes[:most]:
+        kind, mass = c.kind + (c.at and f", {c.at}"), _cells(result, np.array([c.mass]), np.array([c.mass_std]))
+        rows.append((f"{c.time:.2f}", f"{c.noticed:.2f}", kind, *mass))
     return TableData.of("Changes of the load", ("about [s]", "noticed [s]", "kind", "mass [kg]"), rows, sides="rrlr")
 
 
@@ -162,7 +165,8 @@ def _bodies(result: Weighing, truth: Truth | None) -> Iterator[tuple[str | Cell,
     yield "trunk with all on it", *_cells(result, *found)
     if payload is not None:
         found = np.array([payload.mass, *payload.com]), np.array([payload.mass_std, *payload.com_std])
-        yield "payload since the tare", *_cells(result, *found)
+        elsewhere = "" if payload.at in ("", result.robot.trunk) else f", at and in the frame of {payload.at}"
+        yield f"payload since the tare{elsewhere}", *_cells(result, *found)
     if truth is not None:
         moment = truth.at(result.time)
         yield "truth: trunk with all on it", number(moment.mass), *_exact(moment.com)
