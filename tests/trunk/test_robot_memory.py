@@ -95,6 +95,16 @@ def test_a_robot_that_was_on_a_scale_remembers_the_scale_of_its_torques() -> Non
     assert np.max(sigmas) < 3.0
 
 
+def test_logs_without_a_scale_never_tell_the_scale_of_the_torques() -> None:
+    """However many they are: what they have wrong by that scale, they have wrong alike."""
+    memory = remembered(3, 3)
+    alone, after = weighed(3, 7).payload, weighed(3, 7, memory).payload
+    assert alone is not None
+    assert after is not None
+    assert after.mass_std_without_scale < alone.mass_std_without_scale
+    assert after.scale == pytest.approx(alone.scale, rel=0.02)
+
+
 def test_it_fades_with_logs_and_days() -> None:
     memory, layout = remembered(0, 1), TrunkEstimator(GO2)._fit.model.layout
     later = memory.faded(layout, 0.0, MemorySettings())

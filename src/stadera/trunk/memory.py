@@ -12,7 +12,7 @@ offsets and lag drift by a share q_i, everything by more with the days,
 
 The next log gets each error that is known as `Knowledge`: η / λ, of variance 1/λ. Covariances between errors are left
 out; what all logs may have wrong alike bounds each from below. The scale that all torques have in common is known only
-to a robot that was on a scale, or had a test weight on it, in one of the logs: that makes its later bars narrow.
+to a robot that was on a scale, or had a test weight on it, in one of the logs (`Knowledge.of_logs`).
 """
 
 from __future__ import annotations
@@ -194,7 +194,7 @@ class Memory:
         A = np.zeros((len(places), layout.count))
         A[np.arange(len(places)), places] = 1.0 / np.sqrt(prior[places])
         noise = np.diag(1.0 / self.information[kept] + settings.surest**2)
-        return Knowledge("the memory", self.right[kept] / self.information[kept], noise, A)
+        return Knowledge("the memory", self.right[kept] / self.information[kept], noise, A, of_logs=True)
 
     def contradiction(
         self, layout: ErrorLayout, prior: Array, mean: Array, variance: Array, settings: MemorySettings

@@ -20,7 +20,7 @@ through the trunks that both name. Several sets are one with a longer y.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
@@ -41,6 +41,8 @@ class Knowledge:
         value: y (m,). covariance: R (m, m).
         errors: A (m, errors).
         trunks: N (m, 10) of each trunk; None is that of the present load.
+        of_logs: True if y are estimates of p from other logs. The torques' common scale, which they did not know, is in
+            the error of these as it is in that of p̂: y = A (p - Φ g) + ε with Φ of p̂, so that y tells nothing of g.
     """
 
     what: str
@@ -48,11 +50,12 @@ class Knowledge:
     covariance: Array
     errors: Array
     trunks: tuple[tuple[Segment | None, Array], ...] = ()
+    of_logs: bool = False
 
     def of_load(self, present: Segment | None, instead: Segment | None) -> Knowledge:
         """The same with `instead` in place of the load `present`."""
         moved = tuple((instead if segment is present else segment, N) for segment, N in self.trunks)
-        return Knowledge(self.what, self.value, self.covariance, self.errors, moved)
+        return replace(self, trunks=moved)
 
 
 Weights = Mapping[Segment, Array]
@@ -77,9 +80,13 @@ class Correction:
         ends = np.cumsum([len(item.value) for item in known]).tolist()
         m, self.known = ends[-1], tuple(known)
         value, covariance, H = np.zeros(m), np.zeros((m, m)), np.zeros((m, errors.mean.size))
+        lasting, at = errors.lasting, errors.layout.places["common_gain"].start
         parts = [slice(end - len(item.value), end) for end, item in zip(ends, known, strict=True)]
         for part, item in zip(parts, known, strict=True):
             H[part] = item.errors
+            if item.of_logs:
+                unknown = item.errors[:, at] == 0.0
+                H[part, at] -= unknown * (item.errors @ lasting[:, at]) / max(lasting[at, at], 1e-300)
             value[part] = item.value - item.errors @ errors.mean
             covariance[part, part] = item.covariance
             for segment, N in item.trunks:
@@ -88,7 +95,7 @@ class Correction:
                 whole[part] += N
                 value[part] -= N @ trunk.mean(errors.mean)
                 H[part] -= N @ trunk.sensitivity
-        self._missing, self._lasting = value, errors.lasting @ H.T
+        self._missing, self._lasting = value, lasting @ H.T
         covariance += H @ self._lasting
         for trunk, N in self._trunks.items():
             covariance += N @ self._own(trunk) @ N.T
