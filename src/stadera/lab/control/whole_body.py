@@ -11,8 +11,9 @@ so all of v̇ is known, and with it the six components of the wrench that the gr
     [M v̇ + h]_b = Σ_i J_bᵢᵀ f_i
 
 over the points i of the soles. It is distributed over the points within their friction cones by the quadratic programme
-of `stadera.lab.control.distribution`, and the torques are τ = [M v̇ + h - Σ J_iᵀ f_i] of the joints, plus the friction
-that the model knows in the direction of the demanded motion. The centre of pressure stays inside the soles because only
+of `stadera.lab.control.distribution`, and the torques are τ = [M v̇ + h - Σ J_iᵀ f_i] of the joints. Friction is not
+compensated: by a model of more than the joint has, standing legs chatter.
+The centre of pressure stays inside the soles because only
 their corners carry. Position and velocity of the trunk follow from the feet in stance, its orientation from the IMU.
 """
 
@@ -60,7 +61,7 @@ class WholeBody:
         self.robot, self.arms, self.gains = robot, arms, TrunkGains.of(robot)
         self._stiffness = np.square([linear, angular])
         self._damping = 2.0 * damping * np.array([linear, angular])
-        self._centred, self._ahead, self._creep = centred, 0.05, 0.05  # [s], [s], [rad/s]
+        self._centred = centred
         self._model, self._soles = pinocchio_model(robot), [sole(robot, leg) for leg in robot.legs]
         self._legs = []
         for k, leg in enumerate(robot.legs):
@@ -75,9 +76,7 @@ class WholeBody:
         count = sum(len(points) for points, _ in self._soles)
         limits = ContactLimits(least_normal=0.02 * robot.mass * GRAVITY / count)  # share of the weight on all points
         self._sharing = ForceDistribution(limits, 0.5 * robot.leg_length, feet=count)
-        joints = robot.tree.joints
-        self._effort = np.array([robot.limits[joint].effort for joint in joints])
-        self._coulomb = np.array([robot.dynamics[joint].coulomb for joint in joints])
+        self._effort = np.array([robot.limits[joint].effort for joint in robot.tree.joints])
         self.stance: Bools = np.ones(len(robot.legs), dtype=bool)
         self.time, self.position, self._anchors = np.nan, np.zeros(3), np.zeros((len(robot.legs), 3))
         here = TrunkPose(np.zeros(3), np.eye(3))
@@ -140,8 +139,7 @@ class WholeBody:
         for jacobian, own, share in zip(J, arms, shares, strict=True):
             wrench = np.concatenate([share.sum(axis=0), np.cross(own, share).sum(axis=0)])
             needed -= jacobian.T @ wrench[: len(jacobian)]
-        # friction in the direction of the demanded motion, a moment ahead
-        torque = needed[6:] + self._coulomb * np.tanh((v[6:] + self._ahead * a[6:]) / self._creep)
+        torque = needed[6:]
         if not np.isfinite(torque).all():
             raise ControlError(f"no torques at {self.time:.6f} s: a value that was measured is not finite")
         return np.asarray(np.clip(torque, -self._effort, self._effort))
