@@ -10,9 +10,9 @@ later stamps, a second apart, which the estimator takes for gaps. Fed in two way
 Between the passes Pinocchio's `computeJointTorqueRegressor` of the whole robot runs in a Python loop over the same
 samples: the ratio of the two, the median over pairs, depends less on the machine and on what else it does.
 
-With numba (extra `fast`) the estimator runs compiled functions; `--numpy` measures it without. Compiling, or loading
-what was compiled before, is not timed. Objects made before the first pass are kept from Python's collector of cyclic
-garbage (`gc.freeze`), as `stadera live` does and a control loop should: it would look through them for up to 80 ms.
+Compiling, or loading what was compiled before, is not timed. Objects made before the first pass are kept from Python's
+collector of cyclic garbage (`gc.freeze`), as `stadera live` does and a control loop should: it would look through them
+for up to 80 ms.
 
 Peak memory after a minute and at the end tells whether memory grows with the log. Making the measurements is not timed.
 Run `python benchmarks/walking_estimator.py [--minutes 2]`; `--json F` writes the figures.
@@ -38,7 +38,6 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")  # before numpy is loaded: one cor
 import numpy as np
 import pinocchio as pin
 
-from stadera.compiled import available
 from stadera.files import written_together
 from stadera.lab.control import TestBed, Trot
 from stadera.lab.plant import STANDARD, Plant, Sensors
@@ -156,7 +155,6 @@ def measured(way: str, seconds: float, minutes: float) -> dict[str, float]:
             after_minute = peak_mb()
     pairs = [mean / (0.5 * (a + b)) for mean, (a, b) in zip(means, pairwise(reference), strict=True)]
     found = {
-        "compiled": float(available()),
         "samples": float(calls.count),
         "microseconds_a_sample": 1e6 * float(np.mean(means)),
         "best_pass_microseconds_a_sample": 1e6 * min(means),
@@ -201,7 +199,6 @@ def main() -> None:
     parser.add_argument("--minutes", type=float, default=60.0, help="of samples at 1 kHz that are streamed")
     parser.add_argument("--seconds", type=float, default=10.0, help="of trotting that is simulated")
     parser.add_argument("--ways", default=",".join(WAYS))
-    parser.add_argument("--numpy", action="store_true", help="as if numba were not installed")
     parser.add_argument("--json", type=Path)
     parser.add_argument("--way", choices=WAYS, help=argparse.SUPPRESS)
     args = parser.parse_args()
@@ -209,16 +206,12 @@ def main() -> None:
         print(json.dumps(measured(args.way, args.seconds, args.minutes)))
         return
     found: dict[str, dict[str, float]] = {}
-    environment = {**os.environ, "NUMBA_DISABLE_JIT": "1"} if args.numpy else {**os.environ}
     for way in args.ways.split(","):
         command = [sys.executable, __file__, "--way", way, f"--seconds={args.seconds}", f"--minutes={args.minutes}"]
-        found[way] = json.loads(
-            subprocess.run(command, check=True, capture_output=True, text=True, env=environment).stdout
-        )
+        found[way] = json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
         now = found[way]
         real_time = 1e6 * PERIOD / now["microseconds_a_sample"]
-        kind = "compiled" if now["compiled"] else "numpy"
-        print(f"{way}: {now['samples']:.0f} samples of HyQ's trot at 1 kHz, {kind}")
+        print(f"{way}: {now['samples']:.0f} samples of HyQ's trot at 1 kHz")
         print(
             f"  {now['microseconds_a_sample']:.1f} µs a sample (bound {BOUNDS['microseconds_a_sample']:.0f}), "
             f"{real_time:.1f} x real time; best pass {now['best_pass_microseconds_a_sample']:.1f} µs"

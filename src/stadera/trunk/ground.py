@@ -75,10 +75,10 @@ class GroundNormal:
         """Updates the normal from the feet (legs, 3) [m] at a block's end and the forces on them (legs, 3) [N]."""
         assert self.up is not None
         carrying = feet[force @ self.up > self._least]
-        first, second = np.triu_indices(len(carrying), 1)
-        lines = carrying[first] - carrying[second]
-        lines = lines / np.linalg.norm(lines, axis=1, keepdims=True)
-        self._lines += (duration / self._settings.memory) * (lines.T @ lines)
+        lines = (carrying[:, None] - carrying).reshape(-1, 3)  # each twice, and of each foot to itself
+        square = (lines * lines).sum(axis=1)
+        weight = np.divide(0.5, square, out=np.zeros_like(square), where=square > 0.0)
+        self._lines += (duration / self._settings.memory) * (lines.T * weight @ lines)
 
 
 def turned(angular_velocity: Array, duration: float) -> Array:
