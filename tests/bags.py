@@ -109,8 +109,9 @@ def low_state(
     kind: str = "unitree_go/msg/LowState",
     topic: str = "/lowstate",
     imu: tuple[Any, Any] = ((1, 2, 3), (4, 5, 6)),
+    mode_pr: int = 0,
 ) -> Sent:
-    """Of twelve motors; the IMU says gyro and specific force, and the quaternion wxyz (0.5, 0.1, 0.7, 0.5)."""
+    """Of twelve motors and more; the IMU says gyro and specific force, and the quaternion wxyz (0.5, 0.1, 0.7, 0.5)."""
     package = kind.split("/")[0]
     message = _zeros(kind)
     for motor, q, dq, tau in zip(message.motor_state, position, velocity, effort, strict=False):
@@ -119,6 +120,8 @@ def low_state(
     for name, values in (("gyroscope", imu[0]), ("accelerometer", imu[1]), ("quaternion", (0.5, 0.1, 0.7, 0.5))):
         setattr(message.imu_state, name, np.array(values, dtype=np.float32))
     message.tick = (round(1e3 * received) if tick is None else tick) % 2**32
+    if hasattr(message, "mode_pr"):
+        message.mode_pr = mode_pr
     if hasattr(message, "foot_force"):
         message.foot_force = np.arange(4, dtype=np.int16)
     return _sent(topic, kind, received, message)

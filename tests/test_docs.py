@@ -131,6 +131,7 @@ ELSEWHERE = {
     "fleet": "tests/cli/test_fleet.py",
     "excite": "tests/cli/test_excite.py",
     "identify": "the README's commands",
+    "g1": "tests/trunk/test_any_robot.py",
     "--legs": "tests/cli/test_weigh_walking.py",
     "trot.csv": "docs/start.md",
     "poses.csv": "tests/weigh/test_without_imu.py",

@@ -75,6 +75,10 @@ class IdentificationError(StaderaError):
     """The estimation problem has no meaningful answer (no data, contradictory constraints)."""
 
 
+class ClosedLoopError(RecordingError):
+    """A log has motors of a closed loop, whose joints it does not resolve."""
+
+
 class UntrustedError(IdentificationError):
     """The result cannot be trusted: model and log contradict each other. The message names the likeliest cause."""
 

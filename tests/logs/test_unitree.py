@@ -12,6 +12,7 @@ from bags import imu, joints, low_state, old_low_state, write_folder, write_mcap
 from stadera.errors import RecordingError
 from stadera.logs import LogFile, Recording, Topics, read
 from stadera.logs.bags.unitree import LOW_STATES, MOTORS, TickClock, motor_names
+from stadera.robot import load_robot
 
 MS = 1_000_000
 
@@ -28,6 +29,7 @@ def test_motors_by_name_and_the_imu_in_our_order(tmp_path: Path, kind: str) -> N
         write_folder(states(kind=kind), tmp_path / kind[:10]),
     ):
         log = read(path)
+        log = log if kind == LOW_STATES[0] else read(path, joints=MOTORS)
         assert log.joints == MOTORS
         np.testing.assert_array_equal(log.position, np.arange(12) + np.arange(50)[:, None])
         np.testing.assert_array_equal(log.channel("velocity", ("RL_calf_joint", "FR_hip_joint")), [[-11, 0]] * 50)
@@ -40,6 +42,21 @@ def test_motors_by_name_and_the_imu_in_our_order(tmp_path: Path, kind: str) -> N
         np.testing.assert_allclose(np.diff(log.time), 0.002, atol=1e-6)
         (note,) = [note for note in log.notes if "foot_force" in note] or [""]
         assert note.endswith("(FR 0 to 0, FL 1 to 1, RR 2 to 2, RL 3 to 3)") == (kind == LOW_STATES[0])
+
+
+def test_a_humanoids_motors_are_a_g1s_and_parallel_ankles_are_named(tmp_path: Path) -> None:
+    motor = np.arange(35)
+    sent = [low_state(1.7e9 + 0.002 * k, motor + k, -motor, 0.5 * motor, 2 * k, LOW_STATES[1]) for k in range(50)]
+    robot = load_robot("g1")
+    extra = robot.extra
+    assert extra is not None
+    log = read(write_mcap(sent, tmp_path / "pr.mcap"))
+    assert set(log.joints) == {*robot.tree.joints, *extra.joints}
+    found = log.channel("effort", ("left_hip_pitch_joint", "right_ankle_roll_joint", "right_wrist_yaw_joint"))
+    np.testing.assert_array_equal(found, [[0.0, 5.5, 14.0]] * 50)
+    sent = [low_state(1.7e9 + 0.002 * k, motor, motor, motor, 2 * k, LOW_STATES[1], mode_pr=1) for k in range(50)]
+    with pytest.raises(RecordingError, match=r"mode AB \(mode_pr 1\)"):
+        read(write_mcap(sent, tmp_path / "ab.mcap"))
 
 
 @pytest.mark.parametrize(

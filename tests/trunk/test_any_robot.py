@@ -5,6 +5,7 @@ The plant is Pinocchio's inverse dynamics of the whole tree, without noise.
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,7 +18,7 @@ from robot.robot_files import urdf, urdf_leg, write
 from stadera import identify, weigh
 from stadera.errors import UnknownNameError
 from stadera.inertia import InertialParameters
-from stadera.logs import Imu, Recording
+from stadera.logs import Imu, Recording, write_table
 from stadera.robot import JointDynamics, Robot, load_robot
 from stadera.robot.catalog import _example_robot_data
 from stadera.trunk import Samples, TrunkEstimator
@@ -310,3 +311,29 @@ def test_without_torques_and_motion_of_its_arm_a_load_in_a_hand_is_not_told_from
     assert payload.mass == pytest.approx(2.0, abs=0.01 * robot.mass)
     with pytest.raises(UnknownNameError, match=r"unknown link 'hand'; valid: .*link06"):
         TrunkEstimator(robot, at="hand")
+
+
+def test_a_g1s_log_is_weighed_by_the_command_line_and_live(run, tmp_path: Path) -> None:
+    robot = of_file("g1")
+    extra = robot.extra
+    assert extra is not None
+    samples = swaying(robot, IN_HAND, 0.3, ("left_wrist_yaw_joint",))
+    others, imu = np.split(samples.extra, 3, axis=1), Imu(samples.angular_velocity, samples.specific_force)
+    own = samples.position, samples.velocity, samples.effort
+    q, v, effort = (np.hstack(pair) for pair in zip(own, others, strict=True))
+    write_table(
+        Recording(samples.time, (*robot.tree.joints, *extra.joints), q, v, effort=effort, imu=imu), tmp_path / "log.csv"
+    )
+    given = "weigh", tmp_path / "log.csv", "--robot", "g1", "--imu-frame", "imu_in_pelvis", "--tare", "0:4"
+    for at in ((), ("--at", "left_rubber_hand")):
+        shown = " ".join(run(*given, *at, "--json", tmp_path / "out.json").out.split())
+        payload = json.loads((tmp_path / "out.json").read_text())["payload"]
+        where = at[1] if at else "left_wrist_yaw_link"
+        assert payload["at"] == payload["frame"] == where
+        assert payload["mass"]["value"] == pytest.approx(2.0, abs=0.1)
+        assert f"Payload at {where}" in shown
+        assert ("by odds of" in shown) == (not at)
+    centre = np.array(payload["com"]["value"])  # of the rubber hand, 41.5 mm before the wrist's link
+    np.testing.assert_allclose(centre, IN_HAND.com - [0.0415, 0.003, 0.0], atol=3e-3)
+    replayed = run("live", f"replay:{tmp_path / 'log.csv'}", "--robot", "g1", "--tare", 4, "--rate", "inf")
+    assert "at left_wrist_yaw_link" in " ".join(replayed.out.split())

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from stadera.boundary import begins_with, foreign
-from stadera.errors import RecordingError
+from stadera.errors import ClosedLoopError, RecordingError
 from stadera.limits import LimitError
 from stadera.logs.bags.choice import choose
 from stadera.logs.bags.container import Bag, BagSettings, Container, Message, Samples, Stamps
@@ -117,7 +117,7 @@ def _decoded(messages: Sequence[Message], decode: Decoder, damaged: Counter[str]
     """Values of messages of one topic: one by one if they cannot all be decoded."""
     try:
         yield from decode(messages)
-    except LimitError:
+    except (LimitError, ClosedLoopError):
         raise
     except Exception:  # the libraries raise many kinds of errors on damaged bytes
         if len(messages) == 1:

@@ -1,5 +1,5 @@
 """Decodes LowState of Unitree's robots: motors without names and an IMU in one message, with a counter and no
-header.
+header. unitree_go is sent by quadrupeds, unitree_hg by humanoids, of which a G1 is read.
 """
 
 import re
@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stadera.errors import RecordingError
+from stadera.errors import ClosedLoopError, RecordingError
 from stadera.joint_words import by_place, places
 from stadera.logs.bags.container import BagSettings, Message, Samples, Topic
 from stadera.logs.bags.decode import IMU_NAMES, joint_columns, uncompressed
@@ -17,6 +17,15 @@ from stadera.logs.bags.decode import IMU_NAMES, joint_columns, uncompressed
 LOW_STATES = ("unitree_go/msg/LowState", "unitree_hg/msg/LowState")
 MOTORS = tuple(f"{leg}_{part}_joint" for leg in ("FR", "FL", "RR", "RL") for part in ("hip", "thigh", "calf"))
 """Unitree's order of the motors, and the joints' names in its models."""
+_LEG = ("hip_pitch", "hip_roll", "hip_yaw", "knee", "ankle_pitch", "ankle_roll")
+_ARM = ("shoulder_pitch", "shoulder_roll", "shoulder_yaw", "elbow", "wrist_roll", "wrist_pitch", "wrist_yaw")
+G1_MOTORS = (
+    *(f"{side}_{part}_joint" for side in ("left", "right") for part in _LEG),
+    *(f"waist_{part}_joint" for part in ("yaw", "roll", "pitch")),
+    *(f"{side}_{part}_joint" for side in ("left", "right") for part in _ARM),
+)
+"""The same of a G1 with 29 joints, as its developers' guide numbers them."""
+_PARALLEL = 1  # `mode_pr`: 0 where ankles and waist tell pitch and roll, 1 where they tell their two motors, A and B
 _SEPARATOR = f"{'=' * 80}\nMSG: "
 _IMU = "float32[4] quaternion\nfloat32[3] gyroscope\nfloat32[3] accelerometer\nfloat32[3] rpy\n"
 PUBLISHED = {
@@ -45,7 +54,9 @@ class LowStates:
     ) -> None:
         at = _offsets(topic, aligned=encoding == "cdr")
         count = 1 + max(int(name.split(".")[1]) for name in at if name.startswith("motor_state."))
-        motors = [f"motor_state.{k}.{name}" for name in ("q", "dq", "tau_est") for k in range(len(MOTORS))]
+        self._names = motors_of(topic.kind, joints)
+        motors = [f"motor_state.{k}.{name}" for name in ("q", "dq", "tau_est") for k in range(len(self._names))]
+        self._mode = at.get("mode_pr") if self._names is G1_MOTORS else None
         imu = [f"imu_state.gyroscope.{k}" for k in range(3)] + [f"imu_state.accelerometer.{k}" for k in range(3)]
         quaternion = [f"imu_state.quaternion.{k}" for k in (1, 2, 3, 0)]  # w comes first in the message
         self._start = 4 if encoding == "cdr" else 0
@@ -54,7 +65,7 @@ class LowStates:
         self._tick = _bytes([at["tick"]], 4)
         self._feet = at.get("foot_force.0")
         self._least, self._most = np.full(4, np.inf), np.full(4, -np.inf)
-        self._columns = (*joint_columns(motor_names(joints)), *IMU_NAMES)
+        self._columns = (*joint_columns(motor_names(joints, self._names)), *IMU_NAMES)
         self.clock, self.motors = TickClock(settings), 0
 
     def __call__(self, messages: Sequence[Message]) -> list[Samples]:
@@ -64,6 +75,12 @@ class LowStates:
             raise ValueError("messages of several layouts")
         order = self._order_of(content[0])
         body = np.frombuffer(b"".join(content), np.uint8).reshape(len(content), -1)[:, self._start :]
+
+        if self._mode is not None and (body[:, self._mode] == _PARALLEL).any():
+            raise ClosedLoopError(
+                f"{messages[0].topic}: ankles and waist are in mode AB (mode_pr 1): their values are those of two "
+                "motors in parallel, from which the joints' pitch and roll do not follow; record in mode PR"
+            )
 
         def numbers(places: NDArray[np.int64], kind: str) -> NDArray[Any]:
             return body.take(places.ravel(), axis=1).view(f"{order}{kind}")
@@ -88,7 +105,7 @@ class LowStates:
     def notes(self, topic: str) -> Iterator[str]:
         """Yields notes on the messages, one sentence each."""
         yield from self.clock.notes(topic)
-        if self.motors > len(MOTORS):
+        if self.motors > len(self._names) == len(MOTORS):
             yield f"{topic} has {self.motors} motors: the legs' twelve are read, {', '.join(MOTORS[:3])} and so on"
         if self._feet is not None and np.isfinite(self._least).all():
             feet = zip(MOTORS[::3], self._least, self._most, strict=True)
@@ -152,10 +169,16 @@ def _bytes(offsets: Sequence[int], size: int) -> NDArray[np.int64]:
     return np.array(offsets, dtype=np.int64)[:, None] + np.arange(size)
 
 
-def motor_names(joints: Sequence[str] | None) -> tuple[str, ...]:
+def motors_of(kind: str, joints: Sequence[str] | None) -> tuple[str, ...]:
+    """The motors of a kind of message: a G1's if a humanoid sends it, unless another robot's joints are asked for."""
+    humanoid = kind == LOW_STATES[1] and (joints is None or not set(joints).isdisjoint(G1_MOTORS))
+    return G1_MOTORS if humanoid else MOTORS
+
+
+def motor_names(joints: Sequence[str] | None, motors: tuple[str, ...] = MOTORS) -> tuple[str, ...]:
     """Names of the motors: among the requested joints those of the same leg and part; else Unitree's own."""
-    asked, own = by_place(joints or ()), places(MOTORS)
-    fitting = {motor: asked.get(own[motor], []) for motor in MOTORS}
+    asked, own = by_place(joints or ()), places(motors)
+    fitting = {motor: asked.get(own[motor], []) if motor in own else [] for motor in motors}
     return tuple(motor if motor in names or len(names) != 1 else names[0] for motor, names in fitting.items())
 
 
