@@ -21,8 +21,10 @@ def reproduce(
     name: Annotated[
         str,
         argument(
-            "table1..table5|fig4..fig6|inertial_share|survival|walking|alarms|reality|faults|mini_cheetah|all",
-            "Table or figure; all excludes the studies survival, walking, alarms, reality, faults, mini_cheetah.",
+            "table1..table5|fig4..fig6|inertial_share|survival|walking|alarms|reality|faults|humanoids|mini_cheetah|"
+            "all",
+            "Table or figure; all excludes the studies survival, walking, alarms, reality, faults, humanoids, "
+            "mini_cheetah.",
         ),
     ],
     folder: Annotated[Path | None, argument("FOLDER", "Folder of real logs, as --data.")] = None,
@@ -35,7 +37,8 @@ def reproduce(
         Path | None, option("FOLDER", "Folder in which long studies keep finished runs, to resume from.")
     ] = None,
     seeds: Annotated[
-        int | None, option("N", "For walking, alarms, reality, faults: repetitions of the whole grid.", min=1)
+        int | None,
+        option("N", "For walking, alarms, reality, faults, humanoids: repetitions of the whole grid.", min=1),
     ] = None,
     workers: Workers = None,
     scheduler: Scheduler = None,

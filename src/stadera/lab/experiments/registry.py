@@ -10,6 +10,7 @@ from stadera.lab.experiments import (
     alarms,
     faults,
     fig6,
+    humanoids,
     inertial_share,
     legs,
     mini_cheetah,
@@ -44,6 +45,7 @@ _EXPERIMENTS = (
     alarms.EXPERIMENT,
     reality.EXPERIMENT,
     faults.EXPERIMENT,
+    humanoids.EXPERIMENT,
     mini_cheetah.EXPERIMENT,
 )
 EXPERIMENTS: Mapping[str, Experiment] = MappingProxyType({e.name: e for e in _EXPERIMENTS})

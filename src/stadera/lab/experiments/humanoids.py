@@ -1,0 +1,165 @@
+"""Humanoids and a quadruped with an arm that carry a load on the back or in a hand, weighed as a user would."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from stadera.errors import StaderaError
+from stadera.lab.experiments.fault_kinds import SIGNAL_FAULTS
+from stadera.lab.experiments.result import ExperimentResult, Record, spread
+from stadera.lab.experiments.runner import Outcome, Paper, ReproduceSettings, grouped
+from stadera.lab.scenarios.run import simulate, stored
+from stadera.lab.scenarios.settings import Load, SimulateSettings
+from stadera.logs import Recording
+from stadera.report.table import Row, TableData
+from stadera.robot import load_robot
+from stadera.robot.limbs import Limbs
+from stadera.robot.model import Robot
+from stadera.weigh.weigh import weigh
+
+PAPER = Paper.of("humanoids")
+MOTIONS = (("g1", "shake"), ("g1", "squat"), ("talos", "shake"), ("talos", "squat"), ("b1_z1", "trot"))
+SWAPPED = "efforts of the first two legs swapped"
+FAULTS = (SWAPPED, "one torque's sign", "all torques x2", "torques 60 ms late", "one encoder 10° off")
+"""Of logs with sound errors `real`, on the trunk."""
+
+
+@dataclass(frozen=True)
+class CarryCase:
+    """One log and its weighing."""
+
+    robot: str
+    scenario: str
+    place: str  # of the load: trunk or hand
+    errors: str  # ideal or real
+    seed: int
+    fault: str = ""
+    share: float = 0.08  # of the load in the robot's mass; half of it in the gripper of a quadruped
+    duration: float = 8.0  # [s]; the load comes after a half of it
+    arms: float = 0.3  # amplitude of the arms' swinging [rad]
+
+
+def cases(settings: ReproduceSettings) -> list[CarryCase]:
+    """All combinations; one motion of each robot in a quick study."""
+    motions = MOTIONS[::2] if settings.quick else MOTIONS
+    found = []
+    for (robot, scenario), k in product(motions, range(settings.seeds or 1)):
+        sound = [
+            CarryCase(robot, scenario, p, e, settings.seed + k) for p in ("trunk", "hand") for e in ("ideal", "real")
+        ]
+        found += [*sound, *(replace(sound[1], fault=fault) for fault in FAULTS)]
+    return found
+
+
+def weighed(case: CarryCase, logs: Path | None = None) -> dict[str, Any]:
+    """Outcome of one weighing: payload's mass and its deviation [kg], place (3,) [m], verdict or why none, truth."""
+    robot = load_robot(case.robot)
+    hand = hand_of(robot) if case.place == "hand" else None
+    mass = case.share * robot.mass * (0.5 if hand and robot.quadruped else 1.0)
+    settings = SimulateSettings(
+        case.errors,
+        Load(round(mass, 3), at=(0.0, 0.03, 0.1) if hand is None else (0.05, 0.0, 0.02), on=hand),
+        duration=case.duration,
+        rate=250.0,
+        seed=case.seed,
+        load_time=0.5 * case.duration,
+        arms=case.arms,
+    )
+    name = "-".join((case.robot, case.scenario, case.place, case.errors, str(case.seed)))
+    path = None if logs is None else logs / f"{name}.parquet"
+    try:
+        log, truth = stored(path, lambda: simulate(robot, case.scenario, settings))
+    except StaderaError as error:
+        return {"fell": str(error)}
+    now = truth.moments[-1]
+    known = {"robot_mass": robot.mass, "true_mass": now.payload_mass, "true_com": now.payload_com, "at": hand or ""}
+    try:
+        found = weigh(robot, _spoilt(log, robot, case), (0.0, 0.48 * case.duration))
+    except StaderaError as error:
+        return known | {"fell": None, "verdict": "refused", "said": str(error)[:200]}
+    payload = found.payload
+    said = "; ".join(found.trust.reasons)[:200]
+    if payload is None:
+        return known | {"fell": None, "verdict": "none found", "said": said}
+    values = {"mass": payload.mass, "std": payload.mass_std, "com": payload.com.tolist(), "found_at": payload.at}
+    return known | values | {"fell": None, "verdict": found.trust.verdict, "said": said}
+
+
+def hand_of(robot: Robot) -> str:
+    """The link at the end of the robot's first limb that is no leg."""
+    assert robot.extra is not None
+    limbs = Limbs.of(robot)
+    tips = limbs.hands[0] if limbs.hands else limbs.ends
+    return robot.extra.links[tips[0]]
+
+
+def _spoilt(log: Recording, robot: Robot, case: CarryCase) -> Recording:
+    if case.fault == SWAPPED:
+        order, (one, other) = list(range(len(log.joints))), robot.legs[:2]
+        for a, b in zip(map(log.index, one.joints), map(log.index, other.joints), strict=True):
+            order[a], order[b] = b, a
+        return replace(log, effort=log.channel("effort", log.joints)[:, order])
+    return SIGNAL_FAULTS[case.fault].spoil(log, robot, np.random.default_rng(case.seed)) if case.fault else log
+
+
+_Pairs = Sequence[tuple[CarryCase, Outcome]]
+
+
+def summary(grid: Sequence[CarryCase], runs: Sequence[Outcome]) -> ExperimentResult:
+    """Tables by robot and place, and by fault."""
+    pairs = [(case, run) for case, run in zip(grid, runs, strict=True) if run["fell"] is None]
+    sound, faulty = ([p for p in pairs if bool(p[0].fault) == bad] for bad in (False, True))
+    tables = (
+        _table("Payloads", sound, lambda case: f"{case.robot}, {case.place}, {case.errors}"),
+        _table("Logs with a fault", faulty, lambda case: case.fault),
+    )
+    return PAPER.result(_records(sound, faulty), tables, facts={"Robots that fell": str(len(runs) - len(pairs))})
+
+
+def _given(pairs: _Pairs) -> list[Outcome]:
+    return [run for _, run in pairs if run["verdict"] in ("good", "doubtful")]
+
+
+def _error(run: Outcome) -> float:
+    """Of the payload's mass, in percent of the robot's."""
+    return 100.0 * abs(float(run["mass"] - run["true_mass"])) / float(run["robot_mass"])
+
+
+def _sigmas(run: Outcome) -> float:
+    return abs(float(run["mass"] - run["true_mass"])) / float(run["std"])
+
+
+def _table(title: str, pairs: _Pairs, key: Callable[[CarryCase], str]) -> TableData:
+    head = ("", "logs", "good", "doubtful", "no figure", "mass [% of the robot]", "error [σ]", "where it is")
+    rows: list[Row] = []
+    for name, own in grouped(pairs, key).items():
+        given, verdicts = _given(own), [run["verdict"] for _, run in own]
+        counts = [str(verdicts.count("good")), str(verdicts.count("doubtful")), str(len(own) - len(given))]
+        right = sum(run["found_at"] == run["at"] for run in given)
+        sizes = spread([_error(run) for run in given]), spread([_sigmas(run) for run in given])
+        rows.append((name, str(len(own)), *counts, *sizes, f"{right} of {len(given)}"))
+    return TableData.of(title, head, rows, "Median; 95th percentile of the logs with a figure.")
+
+
+def _records(sound: _Pairs, faulty: _Pairs) -> Iterator[Record]:
+    for (place, errors), own in grouped(sound, lambda case: (case.place, case.errors)).items():
+        given, case = _given(own), {"load": place, "errors": errors}
+        yield from PAPER.spread(case, "payload's mass", "%", [_error(run) for run in given], (None, None))
+        yield PAPER.record(case, "share with a figure", "1", len(given) / len(own))
+    silent = [_sigmas(run) for _, run in faulty if run["verdict"] == "good"]
+    yield PAPER.record(
+        {"load": "trunk", "errors": "real, with a fault"},
+        "silent beyond 5 σ",
+        "1",
+        float(sum(s > 5.0 for s in silent)),
+        bound=0.0,
+    )
+
+
+EXPERIMENT = PAPER.experiment(cases, weighed, summary, keeps=True, keeps_logs=True)
