@@ -14,6 +14,7 @@ from stadera.lazy import lazy_names
 
 if TYPE_CHECKING:
     from stadera.errors import (
+        ClosedLoopError,
         IdentificationError,
         MissingExtraError,
         ModelError,
@@ -42,6 +43,7 @@ if TYPE_CHECKING:
     from stadera.weigh.weigh import weigh
 
 __all__ = [
+    "ClosedLoopError",
     "Excitation",
     "ExciteSettings",
     "Identification",
@@ -73,8 +75,8 @@ __all__ = [
 __version__ = "0.1.0"
 
 _HOMES = {
-    "errors": "IdentificationError MissingExtraError ModelError RecordingError StaderaError UnknownNameError "
-    "UntrustedError",
+    "errors": "ClosedLoopError IdentificationError MissingExtraError ModelError RecordingError StaderaError "
+    "UnknownNameError UntrustedError",
     "excite": "excite",
     "excite.design": "ExciteSettings",
     "excite.result": "Excitation",

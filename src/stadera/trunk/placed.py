@@ -136,30 +136,34 @@ def log_odds(since: Segment, before: Segment, places: Sequence[Blocks], covarian
         covariance: Σ₀ (errors, errors), of the errors before any row.
         repeats: number of rows that share one error.
     """
-    values, vectors = np.linalg.eigh(covariance)
-    root = vectors * np.sqrt(np.maximum(values, 0.0))
+    size = np.sqrt(np.maximum(np.diagonal(covariance), 1e-300))
+    correlation = covariance / np.outer(size, size)
+    correlation.flat[:: len(size) + 1] += _ROUNDING
+    root = size[:, None] * np.linalg.cholesky(correlation)
     alone = since.with_load(None)
-    base = alone.remainder - alone.below[:, len(alone.below) :].T @ alone.below[:, len(alone.below) :]
+    rest = alone.below[:, len(alone.below) :]
+    base = alone.remainder - rest.T @ rest
+    normal, along = root.T @ base[1:, 1:] @ root, root.T @ base[1:, 0]
     found = [told(since, Held(at, before)) for at in places]
-    products = []
-    for each in found:
-        total = base + each.left.T @ each.left
-        normal, along = root.T @ total[1:, 1:] @ root, root.T @ total[1:, 0]
-        scales, turn = np.linalg.eigh(normal)
-        products.append((total[0, 0], np.maximum(scales, 0.0), (turn.T @ along) ** 2))
 
-    def energy(loud: float) -> list[float]:
-        return [square - float((along / (scales + loud)).sum()) for square, scales, along in products]
+    def judged(each: TrunkAndLoad, loud: float) -> tuple[float, float]:
+        """min (E + σ² pᵀ Σ₀⁻¹ p), and ln |1 + Σ₀ G''ᵀ G''/σ²|, of one place."""
+        moved, value = each.left[:, 1:] @ root, each.left[:, 0]
+        system, right = normal + moved.T @ moved, along + moved.T @ value
+        system.flat[:: len(system) + 1] += loud
+        factor = lapack.dpotrf(system, lower=1)[0]
+        half = lapack.dtrtrs(factor, right, lower=1)[0]
+        spread = 2.0 * float(np.log(factor.diagonal() / np.sqrt(loud)).sum())
+        return float(base[0, 0] + value @ value - half @ half), spread
 
-    loud = repeats
-    for _ in range(2):
-        loud = repeats * max(min(energy(loud)) / max(since.count, 1.0), _QUIETEST)
-    spread = [float(np.log1p(scales / loud).sum()) for _, scales, _ in products]
-    sizes = [each.size for each in found]
-    return np.array([-0.5 * (e / loud + s) - z for e, s, z in zip(energy(loud), spread, sizes, strict=True)])
+    least = min(judged(each, repeats)[0] for each in found)
+    loud = repeats * max(least / max(since.count, 1.0), _QUIETEST)
+    each_place = [(*judged(each, loud), each.size) for each in found]
+    return np.array([-0.5 * (energy / loud + spread) - size for energy, spread, size in each_place])
 
 
 _QUIETEST = 0.25  # as of `stadera.trunk.joint_errors`
+_ROUNDING = 1e-12  # of a variance: errors that are known exactly have a singular covariance
 
 
 def folded(triangle: Array, columns: Array, root: float, unknowns: int) -> tuple[Array, Array]:
