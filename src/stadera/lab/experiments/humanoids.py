@@ -14,6 +14,7 @@ from stadera.errors import StaderaError
 from stadera.lab.experiments.fault_kinds import SIGNAL_FAULTS
 from stadera.lab.experiments.result import ExperimentResult, Record, spread
 from stadera.lab.experiments.runner import Outcome, Paper, ReproduceSettings, grouped
+from stadera.lab.plant.whole import whole_robot
 from stadera.lab.scenarios.run import simulate, stored
 from stadera.lab.scenarios.settings import Load, SimulateSettings
 from stadera.logs import Recording
@@ -78,7 +79,12 @@ def weighed(case: CarryCase, logs: Path | None = None) -> dict[str, Any]:
     except StaderaError as error:
         return {"fell": str(error)}
     now = truth.moments[-1]
-    known = {"robot_mass": robot.mass, "true_mass": now.payload_mass, "true_com": now.payload_com, "at": hand or ""}
+    known = {
+        "robot_mass": robot.mass,
+        "true_mass": now.payload_mass,
+        "true_com": now.payload_com,
+        "at": hand or robot.trunk,
+    }
     try:
         found = weigh(robot, _spoilt(log, robot, case), (0.0, 0.48 * case.duration))
     except StaderaError as error:
@@ -87,7 +93,12 @@ def weighed(case: CarryCase, logs: Path | None = None) -> dict[str, Any]:
     said = "; ".join(found.trust.reasons)[:200]
     if payload is None:
         return known | {"fell": None, "verdict": "none found", "said": said}
-    values = {"mass": payload.mass, "std": payload.mass_std, "com": payload.com.tolist(), "found_at": payload.at}
+    values = {
+        "mass": payload.mass,
+        "std": payload.mass_std,
+        "com": payload.com.tolist(),
+        "found_at": payload.at or robot.trunk,
+    }
     return known | values | {"fell": None, "verdict": found.trust.verdict, "said": said}
 
 
@@ -105,7 +116,8 @@ def _spoilt(log: Recording, robot: Robot, case: CarryCase) -> Recording:
         for a, b in zip(map(log.index, one.joints), map(log.index, other.joints), strict=True):
             order[a], order[b] = b, a
         return replace(log, effort=log.channel("effort", log.joints)[:, order])
-    return SIGNAL_FAULTS[case.fault].spoil(log, robot, np.random.default_rng(case.seed)) if case.fault else log
+    rng = np.random.default_rng(case.seed)
+    return SIGNAL_FAULTS[case.fault].spoil(log, whole_robot(robot), rng) if case.fault else log
 
 
 _Pairs = Sequence[tuple[CarryCase, Outcome]]
