@@ -19,10 +19,10 @@ from typing import Any
 from stadera.report.numbers import number
 
 FOLDER = Path(__file__).parent
-STUDIES = ("reality", "mini_cheetah", "faults")
+STUDIES = ("reality", "mini_cheetah", "faults", "humanoids")
 PAGES = (
     *(FOLDER / f"{name}.md" for name in ("experiments", "comparison", "walking")),
-    *(FOLDER / "validation" / f"{name}.md" for name in ("reality", "real_walks", "faults")),
+    *(FOLDER / "validation" / f"{name}.md" for name in ("reality", "real_walks", "faults", "humanoids")),
 )
 RESULTS = FOLDER / "results"
 Record = dict[str, Any]
@@ -125,6 +125,8 @@ def tables(name: str, records: list[Record]) -> Iterator[str]:
         yield from reality(records)
     elif name == "mini_cheetah":
         yield crossed(records, case("metric"), lambda _: "ten walks, two in the air", "")
+    elif name == "humanoids":
+        yield crossed(records, case("load", "errors"), case("metric"), "load, errors")
     elif name == "faults":
         yield crossed(records, case(*records[0]["case"]), case("metric"), "fault")
     else:
