@@ -12,9 +12,9 @@ so all of v̇ is known, and with it the six components of the wrench that the gr
 
 over the points i of the soles. It is distributed over the points within their friction cones by the quadratic programme
 of `stadera.lab.control.distribution`, and the torques are τ = [M v̇ + h - Σ J_iᵀ f_i] of the joints. Friction is not
-compensated: by a model of more than the joint has, standing legs chatter.
-The centre of pressure stays inside the soles because only
-their corners carry. Position and velocity of the trunk follow from the feet in stance, its orientation from the IMU.
+compensated: by a model of more than the joint has, standing legs chatter. The centre of pressure stays inside the soles
+because only their corners carry. Position and velocity of the trunk follow from the feet in stance, its orientation
+from the IMU.
 """
 
 from __future__ import annotations
