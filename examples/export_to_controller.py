@@ -13,7 +13,10 @@ from stadera.identify.schema import with_identified_legs
 from stadera.robot.export import export_model
 
 
-def main(name: str, legs: str) -> None:
+def main(name: str = "go2", legs: str | None = None) -> None:
+    if legs is None:  # without arguments a real log that comes with stadera
+        legs = "legs.json"
+        stadera.identify(name, "go2_legs_in_air").save_json(legs)
     robot = with_identified_legs(stadera.load_robot(name), legs)
 
     # 1. a copy of the model file with the identified values, for whatever reads URDF or MJCF

@@ -75,13 +75,13 @@ def aligned(body, size):
     return body + b"\0" * (-len(body) % size)
 
 
-def main(endpoint: str, seconds: str = "inf") -> None:
+def main(endpoint: str = "tcp/127.0.0.1:7447", seconds: str = "inf") -> None:
     stadera, tared, begun = Stadera(endpoint), False, time.monotonic()
     while time.monotonic() - begun < float(seconds):
         time.sleep(0.2)
         state = stadera.state
         if not state or state["waiting_for"]:
-            print("; ".join(state.get("waiting_for", ["no state yet"])))
+            print("; ".join(state.get("waiting_for", ["no state yet: is stadera live running, and listening?"])))
             continue
         if not tared:
             tared, said = stadera.tare()

@@ -46,8 +46,13 @@ class MeanMass:
         return TrunkEstimate(self.time, trunk, covariance, Status.MOVING)
 
 
-def main(log: str, name: str) -> None:
+def main(log: str | None = None, name: str = "hyq") -> None:
     robot = stadera.load_robot(name)
+    if log is None:  # without arguments a simulated robot that stands (extra `lab`)
+        from stadera.lab.scenarios.run import simulate
+        from stadera.lab.scenarios.settings import SimulateSettings
+
+        log = simulate(robot, "stand", SimulateSettings(duration=5.0)).recording
     estimator: Estimator = MeanMass(robot)
     for measurement in measurements_of(read(log), robot):
         estimator.update(measurement)

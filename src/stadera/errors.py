@@ -87,4 +87,6 @@ class MissingExtraError(StaderaError):
     """An optional package is not installed. The message names the extra that provides it."""
 
     def __init__(self, package: str, extra: str, purpose: str) -> None:
-        super().__init__(f"{purpose} needs the package {package!r}: pip install 'stadera[{extra}]'")
+        super().__init__(
+            f"{purpose} needs the package {package!r}, of the extra stadera[{extra}]: pip install {package}"
+        )

@@ -19,7 +19,10 @@ def test_a_command_without_its_packages_names_the_extra(
     with pytest.raises(SystemExit) as finished:
         main(command)
     assert finished.value.code == 1
-    assert f"stadera {command[0]} needs the package 'mujoco': pip install 'stadera[lab]'" in capsys.readouterr().err
+    assert (
+        f"stadera {command[0]} needs the package 'mujoco', of the extra stadera[lab]: pip install mujoco"
+        in capsys.readouterr().err
+    )
 
 
 def test_the_truth_of_a_run_is_read_without_the_test_bed() -> None:

@@ -4,12 +4,15 @@ Exit codes: 0 done; 1 a user's error or a result that cannot be trusted, in one 
 is a bug: one line says how to report it, and `--debug` (or STADERA_DEBUG=1) shows the traceback.
 """
 
+import gc
 import os
 import sys
 from collections.abc import Sequence
 
 DEBUG = "--debug"
 """Accepted anywhere on the command line."""
+INTERRUPTED = 130
+"""Exit code after Ctrl-C, as of a shell."""
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -24,9 +27,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
     prepare_streams()
     given = list(sys.argv[1:] if arguments is None else arguments)
+    code: str | int | None = 0
     debug = DEBUG in given or os.environ.get("STADERA_DEBUG", "0") not in ("", "0")
     try:
         app(args=[argument for argument in given if argument != DEBUG], prog_name="stadera")
+    except SystemExit as ended:
+        code = ended.code
     except Exception as error:
         if debug:
             raise
@@ -37,7 +43,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
                 f"command prints with {DEBUG}"
             )
         print(f"stadera: error: {said}", file=sys.stderr)
-        sys.exit(1)
+        code = 1
+    if code == INTERRUPTED:
+        gc.collect()  # what the interrupted frames held, else solvers report it as leaked
+    sys.exit(code)
 
 
 def _printable(text: str) -> str:

@@ -43,8 +43,8 @@ class Endpoints:
     # connect, listen: endpoints such as "tcp/192.168.123.18:7447". Without any of them and without a file: `DEFAULT`.
     connect: tuple[str, ...] = ()
     listen: tuple[str, ...] = ()
-    # base Zenoh configuration file (JSON5); None for Zenoh's defaults without multicast scouting, which would reach
-    # every robot on the network
+    # base Zenoh configuration file (JSON5); None for Zenoh's defaults. Multicast scouting, which would reach
+    # every robot on the network, is off unless the file asks for it.
     config: Path | None = None
 
     def open(self) -> zenoh.Session:
@@ -67,10 +67,9 @@ class Endpoints:
 
         config = zenoh.Config() if self.config is None else zenoh.Config.from_file(self.config)
         connect = self.connect or (() if self.listen or self.config else (DEFAULT,))
-        if self.config is None:
+        if config.get_json("scouting/multicast/enabled") == "null":  # a file may ask for it
             config.insert_json5("scouting/multicast/enabled", "false")
-            config.insert_json5("listen/endpoints", json.dumps(list(self.listen)))
-        elif self.listen:
+        if self.config is None or self.listen:
             config.insert_json5("listen/endpoints", json.dumps(list(self.listen)))
         if connect:
             config.insert_json5("connect/endpoints", json.dumps(list(connect)))
