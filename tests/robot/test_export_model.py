@@ -111,7 +111,7 @@ def test_what_was_not_changed_is_left_as_it_is(tmp_path: Path) -> None:
 
 
 def test_mesh_paths_stay(tmp_path: Path) -> None:
-    wanted = _changed(_load("go2"))
+    wanted = _changed(_load("go1"))
     export_model(wanted, tmp_path / "out.urdf")
     roots = [ElementTree.parse(p).getroot() for p in (str(wanted.source), tmp_path / "out.urdf")]
     before, after = ([mesh.get("filename") for mesh in root.iter("mesh")] for root in roots)

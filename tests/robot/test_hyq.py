@@ -9,13 +9,14 @@ import pinocchio as pin
 import pytest
 
 from stadera.robot import load_robot
-from stadera.robot.catalog import find_file
+from stadera.robot.catalog import _example_robot_data, find_file
 
 
 @pytest.fixture(scope="module")
 def published() -> Path:
     pytest.importorskip("cmeel", reason="example-robot-data is not installed")
-    folder = find_file("go2").parents[2]
+    folder = _example_robot_data()
+    assert folder is not None
     return folder / "hyq_description/robots/hyq_no_sensors.urdf"
 
 

@@ -88,13 +88,23 @@ def test_a_massless_root_gives_way_to_the_body_at_its_place(tmp_path: Path, mesh
     "name", ["b1_description/urdf/b1-z1.urdf", "anymal_b_simple_description/robots/anymal-kinova.urdf"]
 )
 def test_real_robots_with_arms(name: str) -> None:
-    try:
-        folder = catalog.find_file("go2").parents[2]
-    except MissingExtraError as error:
-        pytest.skip(str(error))
+    folder = _example_robot_data()
+    if folder is None:
+        pytest.skip("example-robot-data is not installed")
     robot = load_robot(folder / name)
     assert len(robot.tree.joints) == 12
     assert any("belong to no leg" in note for note in robot.notes)
+
+
+def test_the_go2_needs_no_other_package_and_is_the_published_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = _example_robot_data()
+    if folder is None:
+        pytest.skip("example-robot-data is not installed")
+    published = load_robot(folder / "go2_description/urdf/go2.urdf")
+    monkeypatch.setattr(catalog, "_example_robot_data", lambda: None)
+    ours = load_robot("go2")
+    for kept in ("tree", "legs", "inertias", "limits", "frames", "dynamics"):
+        assert repr(getattr(ours, kept)) == repr(getattr(published, kept))
 
 
 # -- MJCF against MuJoCo --------------------------------------------------------------------------------------------

