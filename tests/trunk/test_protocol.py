@@ -157,8 +157,8 @@ def test_estimates_tell_what_was_observed(robot: Robot) -> None:
 
 def test_settings_are_checked(robot: Robot) -> None:
     with pytest.raises(ModelError, match="torque_white"):
-        ForceNoise(-np.ones((4, 3)), np.ones((4, 3)))
-    with pytest.raises(ModelError, match="shape"):
+        ForceNoise(-np.ones(12), np.ones(12))
+    with pytest.raises(ModelError, match="one value for each joint"):
         ForceNoise(np.ones(12), np.ones((4, 3)))
     with pytest.raises(StaderaError, match="slip"):
         StaticLimits(slip=0.0)

@@ -291,6 +291,8 @@ def test_outputs(tmp_path: Path) -> None:
         "inertia_std",
         "frame",
         "inertia_about",
+        "at",
+        "places",
     }
     assert plain["payload"]["frame"] == HYQ.trunk
     assert plain["trust"]["verdict"] == found.trust.verdict
