@@ -17,6 +17,7 @@ from stadera.errors import StaderaError
 from stadera.excite.design import ExciteSettings
 from stadera.report import pdf
 from stadera.report.page import commands
+from stadera.report.weigh.page import next_steps
 from stadera.report.weigh.plots import payload_figure
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -75,6 +76,13 @@ def test_the_weighing_s_sentence(pages) -> None:
     assert markup.unescape(said.group(1)).startswith("Payload 8.00 ± 0.10 kg; centre of mass x −0.2000 ± ")
     assert "Trust: doubtful" in pages["weigh"]
     assert "walk <1>" not in pages["weigh"]
+
+
+def test_a_load_in_a_hand_is_not_said_to_be_written_into_a_model_file(weighed) -> None:
+    held = replace(weighed, payload=replace(weighed.payload, at="lf_lowerleg"))
+    assert any("--export" in step for step in next_steps(weighed))
+    assert not any("--export" in step for step in next_steps(held))
+    assert any("link lf_lowerleg" in step for step in next_steps(held))
 
 
 def test_axes_over_time_show_values_and_the_last_error_bar(weighed) -> None:

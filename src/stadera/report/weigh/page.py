@@ -43,7 +43,10 @@ def next_steps(result: Weighing) -> Iterator[str]:
         )
     if (hidden := _hidden(result)) is not None:
         yield hidden
-    yield f"Write it into the model file: `{command} --export weighed.urdf`."
+    if result.payload is None or result.payload.at in ("", result.robot.trunk):
+        yield f"Write it into the model file: `{command} --export weighed.urdf`."
+    else:
+        yield f"Add it to link {result.payload.at} of the controller's model; programs read it from `{command} --json`."
 
 
 def _tare(result: Weighing) -> str:
