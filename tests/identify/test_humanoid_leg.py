@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from stadera import IdentificationError, IdentifySettings, excite, identify
+from stadera import IdentifySettings, identify
 from stadera.errors import MissingExtraError
 from stadera.logs import Recording
 from stadera.robot import Robot, load_robot
@@ -47,8 +47,3 @@ def test_rotors_and_friction_of_six_joints_are_found() -> None:
     for joint in robot.leg("left").joints:
         assert found[f"{joint}.coulomb"].value == pytest.approx(COULOMB, rel=0.02), joint
         assert found[f"{joint}.armature"].value == pytest.approx(ROTOR, rel=0.1), joint
-
-
-def test_an_excitation_is_for_legs_of_three_joints() -> None:
-    with pytest.raises(IdentificationError, match="legs of three joints; left of g1 has 6"):
-        excite(g1(), "left")
