@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from stadera.checks import CheckLimits
 from stadera.checks.hypotheses import hypotheses_in_motion
 from stadera.checks.instants import Instants
-from stadera.checks.residual import Footing
+from stadera.checks.residual import Footing, Gain
 from stadera.checks.statics import Consistency
 from stadera.checks.units import gravity_findings
 from stadera.errors import UntrustedError
@@ -23,6 +23,7 @@ from stadera.inertia import skew
 from stadera.lab.scenarios.run import simulate
 from stadera.lab.scenarios.settings import SimulateSettings
 from stadera.logs import Imu, Recording
+from stadera.logs.mend import GYRO, Mend
 from stadera.logs.recording import take
 from stadera.robot import Robot, load_robot
 from stadera.robot.imu import ImuMount
@@ -116,6 +117,17 @@ def test_forces_are_those_of_the_weight(hyq: Robot, clean: Recording) -> None:
     assert figures.tilts.similarity > 0.99
     assert figures.force_angle < np.radians(0.5)
     assert not list(figures.faults())
+
+
+def test_a_correction_by_which_the_robot_would_stand_is_not_better_for_that(hyq: Robot) -> None:
+    """With its gyro divided away a robot that sways a little does not move, and its feet slide all the more."""
+    log, limits = simulate(hyq, "shake", SimulateSettings(duration=3.0, seed=1, amplitude=0.2)).recording, CheckLimits()
+    assert log.imu is not None
+    footing = Footing(hyq, Instants.of(log, hyq.tree.joints, ImuMount.of(hyq, log.imu.frame), limits), limits)
+    still = footing.after(Mend("", factors={GYRO: 1e-9}))
+    assert still.lively == 0.0 < footing.lively
+    assert Gain.of(footing, still).mean < -0.1
+    assert Gain.of(still, footing).mean == pytest.approx(-Gain.of(footing, still).mean, abs=1e-12)
 
 
 def wild_blocks(robot: Robot, group: list[int]) -> Instants:

@@ -153,8 +153,7 @@ class Footing:
     @cached_property
     def sliding(self) -> Array:
         """Cost of feet that slide, (instants,), of a log with an IMU; NaN for instants that are not used."""
-        cost = np.log1p(self.spread / (self.limits.slide * self.robot.leg_length) ** 2)
-        return np.where(self.moving | np.isnan(cost), cost, 0.0)
+        return np.log1p(self.spread / (self.limits.slide * self.robot.leg_length) ** 2)
 
     @cached_property
     def unbalance(self) -> Array:
@@ -172,9 +171,19 @@ class Footing:
         cost = np.log1p((left**2).sum(axis=1) / (self.limits.unbalance * self.weight) ** 2)
         return np.where(np.repeat(count >= self.limits.fewest, count), cost, np.nan)
 
+    def costs(self, other: Footing) -> tuple[Array, Array]:
+        """`sliding` and `unbalance` of this log and of another one, (2, instants) each.
+
+        Feet slide at no cost in instants in which the robot moves by neither of the two; one alone does not decide it,
+        for by a gyro that is divided away no robot moves.
+        """
+        rests = ~(self.moving | other.moving)
+        own, others = (np.where(rests, 0.0 * each.sliding, each.sliding) for each in (self, other))
+        return np.stack([own, self.unbalance]), np.stack([others, other.unbalance])
+
     def fits(self, recorded: Footing) -> bool:
         """True if a correction leaves little of the cost of the log as recorded, of the part that it changes."""
-        parts = [(recorded.sliding, self.sliding), (recorded.unbalance, self.unbalance)]
+        parts = zip(*recorded.costs(self), strict=True)
         changed = [pair for pair in parts if not np.array_equal(*pair, equal_nan=True)]
         now, left = np.array([[_mean(part) for part in pair] for pair in changed]).reshape(-1, 2).sum(axis=0)
         return bool(left < self.limits.better * now)
@@ -187,8 +196,7 @@ class Footing:
     @property
     def slides(self) -> float:
         """Median sliding speed of loaded feet [m/s]."""
-        middle = float(np.nanmedian(self.sliding)) if np.isfinite(self.sliding).any() else 0.0
-        return float(np.sqrt(np.expm1(middle))) * self.limits.slide * self.robot.leg_length
+        return float(np.sqrt(np.nanmedian(self.spread))) if np.isfinite(self.spread).any() else 0.0
 
 
 @dataclass(frozen=True)
@@ -201,7 +209,8 @@ class Gain:
     @classmethod
     def of(cls, now: Footing, other: Footing) -> Gain:
         """Compares a log with another one. A part of the cost available for only one of them is ignored."""
-        gains = np.stack([now.sliding - other.sliding, now.unbalance - other.unbalance])
+        before, after = now.costs(other)
+        gains = before - after
         gain = np.nan_to_num(gains).sum(axis=0)[np.isfinite(gains).any(axis=0)]
         parts = len(gain) // now.limits.segment
         if parts < 2:
