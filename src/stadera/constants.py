@@ -14,6 +14,9 @@ torques do not determine one direction of the contact force.
 MEDIAN_OF_CHI2 = 0.455
 """Median of χ² with one degree of freedom: of the square of a Gaussian number of unit variance."""
 
+DAY = 86400.0
+"""Length of a day [s]."""
+
 EPOCH = 1e8
 """Stamps above this [s] count from 1970, smaller ones from the start of the log or of the robot."""
 

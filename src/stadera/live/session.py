@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from stadera.checks import FATAL, Finding, diagnose
+from stadera.constants import DAY
 from stadera.errors import RecordingError, StaderaError
 from stadera.live.intake import Intake
 from stadera.live.settings import LiveSettings
@@ -25,8 +26,6 @@ from stadera.trust import Trust
 from stadera.weigh.pipeline import trust_now
 from stadera.weigh.reading import posed_as
 from stadera.weigh.settings import Watch
-
-_DAY = 86400.0  # s
 
 _REFUSED = (*FATAL, "contradiction", "not_on_feet")
 """Causes with which nothing is weighed."""
@@ -204,7 +203,7 @@ class LiveSession:
         """
         if self._memory is None or self.estimator is None:
             return None, "the robot's memory stays as it was: nothing was learnt"
-        return self.estimator.told(self._memory, time.time() / _DAY)
+        return self.estimator.told(self._memory, time.time() / DAY)
 
     def event(self, until: float) -> tuple[object, ...]:
         """Key of the state that changes when a state must be sent at once: changes, verdict, missing input, tare."""
@@ -291,7 +290,7 @@ class LiveSession:
             if self._weight is not None:
                 estimator.know_weight(*self._weight)
             if self._memory is not None:
-                estimator.recall(self._memory, time.time() / _DAY)
+                estimator.recall(self._memory, time.time() / DAY)
         elif self.intake.fresh:
             estimator.restart()
         self.estimator, self.intake.fresh = estimator, False

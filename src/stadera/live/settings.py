@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, field, fields
 
+from stadera.constants import DAY
 from stadera.errors import require_positive
 from stadera.logs.bags.container import BagSettings
 from stadera.trunk.settings import TrunkSettings
@@ -26,7 +27,7 @@ class LiveSettings:
     rate_change: float = 1.5  # factor between two rates above which sampling restarts
     lost: float = 2.5  # periods between two samples above which messages were lost; stamps jitter by up to one
     changes: int = 20  # number of latest changes of the load in every state
-    clocks_apart: float = 86400.0  # difference below which two clocks are taken as synchronised [s]: a day
+    clocks_apart: float = DAY  # difference below which two clocks are taken as synchronised [s]: a day
     least_rate: float = 50.0  # samples a second below which the motion is not resolved
     # length of the stretch at the beginning in which units, signs and order of legs are checked [s]: a few steps, or
     # periods of a sway

@@ -228,8 +228,7 @@ class Viewer:
         )
         if payload is not None:
             self._plot("payload", payload.mass, payload.mass_std, payload.com, payload.com_std)
-            on_trunk = payload.at in ("", estimator.robot.trunk)
-            centre = payload.com if on_trunk else np.full(3, np.nan)
+            centre = np.full(3, np.nan) if payload.at else payload.com
             self._draw_payload(centre, payload.com_covariance, f"{payload.mass:.2f} kg", posture, colour)
         for change in estimator.changes[self._changes :]:
             log("events", rr.TextLog(f"load {change.kind}, at {change.time - self._begin:.2f} s", level="INFO"))

@@ -21,6 +21,9 @@ from stadera.robot.model import JointDynamics, Robot
 from stadera.trunk.settings import ModelErrors
 from stadera.types import Array, Bools
 
+QUIETEST = 0.25
+"""Square of the rows' residual, in their unit (1 % of the weight), below which it does not make an estimate sharper."""
+
 
 @dataclass(frozen=True)
 class ErrorLayout:

@@ -33,13 +33,12 @@ from functools import cached_property
 import numpy as np
 from scipy.linalg import lapack
 
-from stadera.trunk.error_model import ErrorModel
+from stadera.trunk.error_model import QUIETEST, ErrorModel
 from stadera.trunk.placed import Told
 from stadera.trunk.segment import RowSums, Segment
 from stadera.trunk.swing import SwingJoints
 from stadera.types import Array
 
-_QUIETEST = 0.25  # squared residuals below those of 0.5 % of the weight do not sharpen the estimate further
 _ROUNDING = 1e-12  # of a variance: errors that are known exactly have a singular covariance
 
 
@@ -105,7 +104,7 @@ class Errors:
         normal, along = root.after(root.after(products[:, learnt]).T), root.after(v[None])[0]
         square, loud, inverse, found = before, rows.repeats, normal, along
         for _ in range(2):  # the second pass uses the first one's residual
-            loud = rows.repeats * max(square / (6.0 * rows.weight), _QUIETEST)
+            loud = rows.repeats * max(square / (6.0 * rows.weight), QUIETEST)
             system = normal / loud
             system.flat[:: len(system) + 1] += 1.0
             upper = np.triu(lapack.dpotri(lapack.dpotrf(system)[0])[0])

@@ -25,6 +25,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.linalg import lapack
 
+from stadera.trunk.error_model import QUIETEST
 from stadera.types import Array
 
 if TYPE_CHECKING:
@@ -157,12 +158,11 @@ def log_odds(since: Segment, before: Segment, places: Sequence[Blocks], covarian
         return float(base[0, 0] + value @ value - half @ half), spread
 
     least = min(judged(each, repeats)[0] for each in found)
-    loud = repeats * max(least / max(since.count, 1.0), _QUIETEST)
+    loud = repeats * max(least / max(since.count, 1.0), QUIETEST)
     each_place = [(*judged(each, loud), each.size) for each in found]
     return np.array([-0.5 * (energy / loud + spread) - size for energy, spread, size in each_place])
 
 
-_QUIETEST = 0.25  # as of `stadera.trunk.joint_errors`
 _ROUNDING = 1e-12  # of a variance: errors that are known exactly have a singular covariance
 
 

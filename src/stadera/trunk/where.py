@@ -92,7 +92,7 @@ class Whereabouts:
         return self.said(replace(found, mass_std_without_scale=alone), at)
 
     def said(self, payload: Payload, at: Blocks) -> Payload:
-        """With where it is."""
+        """With where it is; the trunk has no name, see `Payload.at`."""
         known = zip(self.candidates, self.probability.tolist(), strict=True)
         shares = {self.name(place): share for place, share in known if np.isfinite(share)}
-        return replace(payload, at=self.name(at), places=shares)
+        return replace(payload, at="" if at == (0,) else self.name(at), places=shares)

@@ -111,7 +111,7 @@ def doubts(
     difference = trunk - robot.inertias[robot.trunk]
     found: list[tuple[Verdict, str]] = []
     if footprint.stood:
-        added = payload.parameters if payload is not None and payload.at in ("", robot.trunk) else None
+        added = None if payload is None or payload.at else payload.parameters
         loads = [difference] if added is None else [difference - added, added]
         found = [doubt for load in loads for doubt in _of_one_leg(robot, load, footprint, limits)]
     if footprint.lay:

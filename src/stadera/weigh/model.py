@@ -34,7 +34,7 @@ def weighed_model(result: Weighing) -> WeighedModel:
     tare, the payload was not observed, or no component of its centre of mass, or it is elsewhere than on the trunk.
     """
     robot, trunk, payload = result.robot, result.trunk, result.payload
-    if payload is not None and payload.at not in ("", robot.trunk):
+    if payload is not None and payload.at:
         raise IdentificationError(
             f"{result.source}: the payload is at {payload.at}: only one on the trunk {robot.trunk!r} is written into a "
             "model file"

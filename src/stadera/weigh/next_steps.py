@@ -75,7 +75,7 @@ def next_steps(robot: Robot, estimator: Weigher, limits: UseLimits | None = None
     if isinstance(estimator, TrunkEstimator):
         found += list(_known(robot, estimator, limits))
     if payload is not None:
-        found += list(_sway(robot, payload))
+        found += list(_sway(robot, payload, limits))
 
     def bar(step: NextStep) -> float:
         return step.trunk_std if payload is None else step.payload_std
@@ -99,12 +99,12 @@ def _known(robot: Robot, estimator: TrunkEstimator, limits: UseLimits) -> Iterat
         )
 
 
-def _sway(robot: Robot, payload: Payload) -> Iterator[NextStep]:
+def _sway(robot: Robot, payload: Payload, limits: UseLimits) -> Iterator[NextStep]:
     """Five seconds of sway without and with the load."""
     from stadera.excite.trunk.design import undesigned_bars
 
     try:
-        bars = undesigned_bars(robot, round(max(abs(payload.mass), UseLimits().fine * robot.mass) / robot.mass, 2))
+        bars = undesigned_bars(robot, round(max(abs(payload.mass), limits.fine * robot.mass) / robot.mass, 2))
     except StaderaError:
         return
     if bars is not None:

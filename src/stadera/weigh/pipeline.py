@@ -13,6 +13,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from stadera.constants import DAY, EPOCH
 from stadera.errors import IdentificationError, RecordingError
 from stadera.logs.recording import Imu
 from stadera.robot.imu import ImuMount
@@ -37,9 +38,6 @@ from stadera.weigh.settings import TestWeight, Watch, WeighSettings
 
 _MORE = ("torque_lag", "evidence", "spikes", "impacts", "drives", "balance", "vertical")
 """What an estimator may tell beyond the protocol, under its name in `Weighing`."""
-
-
-_UNIX, _DAY = 1e9, 86400.0  # s: a clock that reads more counts from 1970; of a day
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,14 +87,18 @@ def trust_now(estimator: Weigher, learnt: float | None = None, begin: float = 0.
     return trust.at_most(verdict, f"as known at {at - begin:.2f} s; nothing was learnt after it: {estimate.reason}")
 
 
-def whereabouts(payload: Payload | None) -> str:
-    """Where a payload is, and how sure that is, one sentence; empty if that was not asked, or without a payload."""
+def whereabouts(payload: Payload | None, trunk: str) -> str:
+    """Where a payload is, and how sure that is, one sentence; empty if that was not asked, or without a payload.
+
+    Args:
+        trunk: name of the trunk's link.
+    """
     if payload is None or not payload.places or abs(payload.mass) < SIGNIFICANT * payload.mass_std:
         return ""
     best, second = sorted(payload.places.items(), key=lambda item: -item[1])[:2]
-    if best[0] != payload.at:
+    if best[0] != (at := payload.at or trunk):
         return (
-            f"the load is taken to be at {payload.at}, and cannot be told from one at {best[0]}: --at LINK says where "
+            f"the load is taken to be at {at}, and cannot be told from one at {best[0]}: --at LINK says where "
             "it is, and motion of the limbs, or their torques in the log, show it"
         )
     odds = best[1] / max(second[1], 1e-12)
@@ -244,7 +246,7 @@ class _LogPass:
             notes=(
                 *dict.fromkeys([*remarks, *(note for read in logs for note in read.notes)]),
                 *self._uncovered(),
-                *filter(None, [whereabouts(payload)]),
+                *filter(None, [whereabouts(payload, self._request.robot.trunk)]),
                 *filter(None, [said]),
             ),
             memory=memory,
@@ -283,7 +285,7 @@ class _LogPass:
     @property
     def _days(self) -> float:
         """Time of the log, days since 1970, if its clock is Unix time; else NaN."""
-        return self.log.begin / _DAY if self.log.begin > _UNIX else np.nan
+        return self.log.begin / DAY if self.log.begin > EPOCH else np.nan
 
     def _remembered(self) -> tuple[Memory | None, str]:
         """The memory with this log, and what to say of it."""

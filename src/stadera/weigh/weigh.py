@@ -168,7 +168,7 @@ def _other_robots(robot: Robot, result: Weighing) -> str:
     """Says that the robot, as it was at the tare, is as heavy as another one known by name; empty if it is not."""
     if not np.isfinite(result.mass):
         return ""
-    added = 0.0 if result.payload is None or result.payload.at not in ("", robot.trunk) else result.payload.mass
+    added = 0.0 if result.payload is None or result.payload.at else result.payload.mass
     mass = robot.mass + result.mass - robot.inertias[robot.trunk].mass - added
     others = other_robots(robot, mass, result.payload is None)
     what = "with all that is on it" if result.payload is None else "without the payload"

@@ -88,8 +88,8 @@ def test_a_humanoid_squats_on_both_feet(name: str) -> None:
     run = simulate(robot, "squat", SimulateSettings("real", duration=3.0, seed=1))
     knees = [run.recording.index(leg.joints[3]) for leg in robot.legs]
     assert np.ptp(run.true_motion.position[:, knees], axis=0).min() > 0.3
-    weight = sum(np.median(run.true_motion.foot_force[leg.foot][:, 2]) for leg in robot.legs)
-    assert weight == pytest.approx(9.81 * run.truth.moments[0].mass, rel=1.0)
+    weight = sum(run.true_motion.foot_force[leg.foot][:, 2].mean() for leg in robot.legs)
+    assert weight == pytest.approx(9.81 * robot.mass, rel=0.04)  # links are drawn 5 % wrong, each
     assert run.truth.drawn is not None
     share = [
         value["coulomb"] / robot.limits[joint].effort

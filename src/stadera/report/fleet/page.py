@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
+from stadera.constants import DAY
 from stadera.fleet.departures import Departure, departures, looks_at
 from stadera.fleet.series import TRUNK, FleetSeries, LogRow, by_robot, series_of, when
 from stadera.fleet.table import FleetTable
@@ -57,7 +58,7 @@ def _times(rows: Sequence[LogRow]) -> tuple[Array, Axis]:
     """Days since the first log if the logs have the time of day, else their numbers."""
     if all(map(when, rows)):
         begins = np.array([row["begin"] for row in rows])
-        return (begins - begins[0]) / 86400.0, Axis(f"days since {when(rows[0])[:10]}")
+        return (begins - begins[0]) / DAY, Axis(f"days since {when(rows[0])[:10]}")
     return np.arange(1.0, len(rows) + 1.0), Axis("number of the log")
 
 

@@ -43,7 +43,7 @@ def next_steps(result: Weighing) -> Iterator[str]:
         )
     if (hidden := _hidden(result)) is not None:
         yield hidden
-    if result.payload is None or result.payload.at in ("", result.robot.trunk):
+    if result.payload is None or not result.payload.at:
         yield f"Write it into the model file: `{command} --export weighed.urdf`."
     else:
         yield f"Add it to link {result.payload.at} of the controller's model; programs read it from `{command} --json`."

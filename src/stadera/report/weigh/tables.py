@@ -38,8 +38,8 @@ def headline(result: Weighing) -> str:
         if not result.determined()["payload"]:
             most = max(payload.mass, 0.0) + 2.0 * payload.mass_std
             return f"Payload not determined: below {number(most, 2)} kg (95 %)"
-        at = "" if payload.at in ("", result.robot.trunk) else f" at {payload.at}"
-        answer = f"Payload{at} {with_scale(payload.mass, payload.mass_std, payload.mass_std_without_scale)}"
+        mass = with_scale(payload.mass, payload.mass_std, payload.mass_std_without_scale)
+        answer = f"Payload{payload.at and f' at {payload.at}'} {mass}"
     elif result.mass == result.mass:
         mass = with_scale(result.mass, result.mass_std, result.trunk.mass_std_without_scale)
         answer = f"Trunk with all that is on it {mass}"
@@ -56,7 +56,7 @@ def answer(result: Weighing) -> str:
     if not result.determined().get("payload", True):
         return f"{headline(result)}. {' '.join(map(step_text, result.next))}".strip()
     at = "" if result.payload is None else result.payload.at
-    frame = "the trunk's frame" if at in ("", result.robot.trunk) else f"the frame of {at}"
+    frame = f"the frame of {at}" if at else "the trunk's frame"
     where = f"centre of mass {known} m in {frame}" if known else "its centre of mass was not observed"
     return f"{headline(result)}; {where}."
 
@@ -165,7 +165,7 @@ def _bodies(result: Weighing, truth: Truth | None) -> Iterator[tuple[str | Cell,
     yield "trunk with all on it", *_cells(result, *found)
     if payload is not None:
         found = np.array([payload.mass, *payload.com]), np.array([payload.mass_std, *payload.com_std])
-        elsewhere = "" if payload.at in ("", result.robot.trunk) else f", at and in the frame of {payload.at}"
+        elsewhere = payload.at and f", at and in the frame of {payload.at}"
         yield f"payload since the tare{elsewhere}", *_cells(result, *found)
     if truth is not None:
         moment = truth.at(result.time)
