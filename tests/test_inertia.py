@@ -7,7 +7,6 @@ import pinocchio as pin
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from hypothesis.extra.numpy import arrays
 
 from stadera.errors import ModelError
 from stadera.inertia import ORDER, PSEUDO_BASIS, InertialParameters, order_from_pinocchio, skew
@@ -117,22 +116,6 @@ def test_sum_is_the_composite_body() -> None:
     composite = first.to_pinocchio() + second.to_pinocchio()
     np.testing.assert_allclose((first + second).to_pinocchio().matrix(), composite.matrix(), atol=1e-12)
     assert (first + InertialParameters.zero()) == first
-
-
-@given(arrays(float, 10, elements=st.floats(-2.0, 2.0)))
-@settings(max_examples=100, deadline=None)
-def test_log_cholesky_round_trip(coordinates: np.ndarray) -> None:
-    body = InertialParameters.from_log_cholesky(coordinates)
-    assert body.is_physical()
-    np.testing.assert_allclose(body.log_cholesky(), coordinates, atol=1e-7)
-    np.testing.assert_allclose(
-        InertialParameters.from_log_cholesky(body.log_cholesky()).vector, body.vector, rtol=1e-9, atol=1e-12
-    )
-
-
-def test_log_cholesky_of_an_impossible_body() -> None:
-    with pytest.raises(ModelError, match="strictly physical"):
-        InertialParameters(-np.ones(10)).log_cholesky()
 
 
 @given(SEEDS, st.floats(0.2, 3.0))

@@ -239,38 +239,6 @@ class InertialParameters:
         # no element of a semidefinite matrix exceeds its largest diagonal one, here 1; absurd ones have no eigenvalues
         return bool(np.abs(scaled).max() < 2.0) and bool(np.linalg.eigvalsh(scaled).min() >= -tolerance)
 
-    def log_cholesky(self) -> Array:
-        """The ten unconstrained coordinates of Rucker and Wensing 2022 (`from_log_cholesky` goes back), shape (10,).
-
-        Upper-triangular U with J = U Uᵀ, written e^α [[e^d1, s12, s13, t1], [0, e^d2, s23, t2], [0, 0, e^d3, t3],
-        [0, 0, 0, 1]]; ordered [α, d1, d2, d3, s12, s23, s13, t1, t2, t3].
-
-        Raises:
-            ModelError: the body is not strictly physical (J not positive definite).
-        """
-        flipped = self.pseudo_inertia[::-1, ::-1]
-        try:
-            U = np.linalg.cholesky(flipped)[::-1, ::-1]
-        except np.linalg.LinAlgError as error:
-            raise ModelError("log-Cholesky coordinates need a strictly physical body") from error
-        e_alpha = U[3, 3]
-        V = U / e_alpha
-        return np.array([np.log(e_alpha), *np.log(np.diag(V)[:3]), V[0, 1], V[1, 2], V[0, 2], *V[:3, 3]])
-
-    @classmethod
-    def from_log_cholesky(cls, coordinates: ArrayLike) -> InertialParameters:
-        """Always physical, whatever the ten coordinates (see `log_cholesky`)."""
-        alpha, d1, d2, d3, s12, s23, s13, t1, t2, t3 = np.asarray(coordinates, dtype=float)
-        U = np.exp(alpha) * np.array(
-            [
-                [np.exp(d1), s12, s13, t1],
-                [0.0, np.exp(d2), s23, t2],
-                [0.0, 0.0, np.exp(d3), t3],
-                [0.0, 0.0, 0.0, 1.0],
-            ]
-        )
-        return cls.from_pseudo_inertia(U @ U.T)
-
     def to_dict(self) -> dict[str, Any]:
         """Plain numbers by name, for JSON."""
         return dict(zip(ORDER, self.vector.tolist(), strict=True))

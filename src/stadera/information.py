@@ -32,7 +32,6 @@ from stadera.types import Array
 
 Places = NDArray[np.intp]
 
-_EQUAL = 1e6  # the copy equals its original to a millionth of the original's standard deviation
 _DEPENDENT = 1e-12  # share of a column's norm below which the remainder is rounding error
 _BLOCK = 4096  # rows reduced at once; a block fits into the processor's cache
 _PANEL = 8  # columns reflected at once
@@ -191,10 +190,6 @@ class Information:
         cost = self.cost + float(below[:, 0] @ below[:, 0])
         return Information(self.unknowns, R * _upper(n, n), above[:, 0], above[:, 1:], cost, self.count + rows)
 
-    def add_rows(self, rows: Iterable[Rows]) -> Information:
-        """Returns the information with rows on named scalar unknowns added."""
-        return self.merge(Information.of(rows, self.unknowns))
-
     def merge(self, other: Information) -> Information:
         """Returns the information merged with another on some of the same unknowns, under the same considered errors.
 
@@ -233,40 +228,7 @@ class Information:
             raise IdentificationError(f"a noise must be positive, got {std}")
         return Information(self.unknowns, self.R / std, self.z / std, self.G / std, self.cost / std**2, self.count)
 
-    def diffuse(self, std: Mapping[str, ArrayLike]) -> Information:
-        """Returns the information after independent zero-mean steps of some blocks, as in a random walk.
-
-        With w the step of the unknowns x' = x + w, computes the triangle of ``[1/s, 0 | 0; -R, R | z]`` without w's
-        rows. `std` gives each block's standard deviation, one number or one for each entry.
-        """
-        places = [self[name] for name in std]
-        n, k = len(self), sum(place.stop - place.start for place in places)
-        stacked = np.zeros((k + n, k + n + 1 + self.G.shape[1]))
-        stacked[:k, :k] = np.eye(k)
-        at = 0
-        for place, spread in zip(places, std.values(), strict=True):
-            stop = at + place.stop - place.start
-            stacked[k:, at:stop] = -self.R[:, place] * np.asarray(spread, dtype=float)
-            at = stop
-        stacked[k:, k:] = self._stacked(n, n)
-        triangle = _triangle(stacked)[k:, k:]
-        return Information(self.unknowns, triangle[:, :n], triangle[:, n], triangle[:, n + 1 :], self.cost, self.count)
-
     # -- other unknowns ---------------------------------------------------------------------------------------------
-    def copy(self, name: str, to: str) -> Information:
-        """Returns the information with a copy of a block appended as a new block, equal to the original at this time.
-
-        The original may change afterwards while the copy stays, as the reference of a tare. The equality is imposed
-        with negligible noise.
-        """
-        n, place = len(self), self[name]
-        k = place.stop - place.start
-        layout = Unknowns((*self.names, to), (*self.unknowns.sizes, k))
-        stacked = self._stacked(n + k, n + k)
-        tight = np.diag(_EQUAL / np.linalg.norm(self.inverse[place], axis=1))
-        stacked[n:, place], stacked[n:, n : n + k] = -tight, tight
-        return _triangular(layout, stacked, self.cost, self.count)
-
     def marginal(self, names: Iterable[str]) -> Information:
         """Marginal information on some blocks, with nothing assumed of the others, in the given order.
 
@@ -365,13 +327,6 @@ class Information:
         """Indices of the entries of some blocks, and of the others."""
         others = self.unknowns.without(keep).names if away is None else away
         return self.unknowns.index(keep), self.unknowns.index(others)
-
-    def _stacked(self, rows: int, columns: int) -> Array:
-        """[R 0 | z, G] with the given numbers of rows and of columns of unknowns, padded with zeros."""
-        n = len(self)
-        stacked = np.zeros((rows, columns + 1 + self.G.shape[1]))
-        stacked[:n, :n], stacked[:n, columns], stacked[:n, columns + 1 :] = self.R, self.z, self.G
-        return stacked
 
 
 def _layout(unknowns: Unknowns | Iterable[str]) -> Unknowns:

@@ -9,16 +9,18 @@ from stadera.errors import RecordingError
 
 Value = TypeVar("Value")
 
-LEG_WORDS: dict[str, frozenset[str]] = {
-    "LF": frozenset({"lf", "fl", "frontleft", "leftfront"}),
-    "RF": frozenset({"rf", "fr", "frontright", "rightfront"}),
-    "LH": frozenset(
-        {"lh", "hl", "rl", "lr", "bl", "lb", "hindleft", "lefthind", "rearleft", "leftrear", "backleft", "leftback"}
-    ),
-    "RH": frozenset(
-        {"rh", "hr", "rr", "br", "rb", "hindright", "righthind", "rearright", "rightrear", "backright", "rightback"}
-    ),
-}
+_SIDES = {"L": ("l", "left"), "R": ("r", "right")}
+_ENDS = {"F": ("f", "front"), "H": ("h", "r", "b", "hind", "rear", "back")}
+
+
+def _joined(sides: Iterable[str], ends: Iterable[str]) -> frozenset[str]:
+    """Words for a side and an end in either order, both by letters or both in full."""
+    pairs = [(side, end) for side in sides for end in ends if (len(side) == 1) == (len(end) == 1)]
+    return frozenset(word for side, end in pairs for word in (side + end, end + side))
+
+
+LEG_WORDS = {side + end: _joined(words, ends) for end, ends in _ENDS.items() for side, words in _SIDES.items()}
+"""Words that indicate each leg: lf, fl, frontleft, leftfront and so on."""
 _PART_WORDS: tuple[frozenset[str], ...] = (
     frozenset({"haa", "abad", "abduction", "adduction", "hx", "hipx", "hipaa", "coxa"}),
     frozenset({"hfe", "thigh", "hy", "hipy", "hipfe", "femur", "upper", "upperleg"}),

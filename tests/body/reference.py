@@ -45,7 +45,12 @@ def random_tree(seed: int, joints: int = 4) -> Tree:
 
 def random_inertias(links: tuple[str, ...], seed: int) -> dict[str, InertialParameters]:
     rng = np.random.default_rng(seed)
-    return {link: InertialParameters.from_log_cholesky(rng.uniform(-1.0, 0.5, 10)) for link in links}
+    return {
+        link: InertialParameters.from_pinocchio(
+            pin.Inertia.FromLogCholeskyParameters(pin.LogCholeskyParameters(rng.uniform(-1.0, 0.5, 10)))
+        )
+        for link in links
+    }
 
 
 def robot_of(tree: Tree, inertias: dict[str, InertialParameters], like: Robot) -> Robot:

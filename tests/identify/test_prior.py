@@ -16,7 +16,9 @@ LINK = "rh_upperleg"
 
 
 def random_body(rng: np.random.Generator) -> InertialParameters:
-    return InertialParameters.from_log_cholesky(rng.uniform(-0.5, 0.5, 10))
+    return InertialParameters.from_pinocchio(
+        pin.Inertia.FromLogCholeskyParameters(pin.LogCholeskyParameters(rng.uniform(-0.5, 0.5, 10)))
+    )
 
 
 def distance(body: InertialParameters, change: np.ndarray, width: PriorWidth | None = None) -> float:
