@@ -45,6 +45,7 @@ from stadera.lab.experiments.reality import toppled
 from stadera.lab.plant import STANDARD
 from stadera.lab.scenarios.run import simulate
 from stadera.lab.scenarios.settings import Load, SimulateSettings
+from stadera.lab.truth import Truth, read_truth
 from stadera.logs import Recording
 from stadera.logs.reader import read
 from stadera.report.table import TableData
@@ -55,7 +56,6 @@ from stadera.trunk.protocol import TrunkEstimate
 from stadera.trunk.samples import Samples
 from stadera.trunk.settings import ModelErrors, SwingDetection, TrunkSettings
 from stadera.types import Array
-from stadera.weigh.truth import Truth, read_truth
 
 FACTORS = (0.5, 1.0, 3.0)
 LOADED_AT = 5.0  # s, of both kinds of runs

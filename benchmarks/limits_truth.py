@@ -20,6 +20,7 @@ from stadera.lab.scenarios.run import simulate
 from stadera.lab.scenarios.settings import SimulateSettings
 from stadera.lab.sensor_errors import STANDARD
 from stadera.lab.sensors import effort_limits
+from stadera.lab.truth import Truth
 from stadera.logs import Recording
 from stadera.robot import Robot
 from stadera.robot.imu import ImuMount
@@ -28,7 +29,6 @@ from stadera.trunk.error_model import ErrorLayout, ErrorModel
 from stadera.trunk.samples import Samples
 from stadera.trunk.settings import ModelErrors
 from stadera.types import Array
-from stadera.weigh.truth import Truth
 
 WITHOUT: Mapping[str, Mapping[str, Any]] = {
     "coulomb": {"coulomb": (1e-9, 2e-9)},

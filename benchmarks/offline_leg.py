@@ -33,9 +33,9 @@ from stadera.files import written_together
 from stadera.identify.prior import robot_prior
 from stadera.identify.solutions import null_space_solution
 from stadera.information import Information
+from stadera.lab.pinocchio import pinocchio_model
 from stadera.logs import Preprocessing, Recording, preprocess_stream, stream, write_table
 from stadera.robot import Robot, load_robot
-from stadera.robot.pinocchio import pinocchio_model
 
 Array = NDArray[np.float64]
 

@@ -20,9 +20,9 @@ from stadera.identify.legs import identify
 from stadera.identify.prior import robot_prior
 from stadera.identify.settings import IdentifySettings
 from stadera.inertia import ORDER, InertialParameters
+from stadera.lab.pinocchio import pinocchio_model
 from stadera.logs import Recording
 from stadera.robot import Robot
-from stadera.robot.pinocchio import pinocchio_model
 
 Array = NDArray[np.float64]
 

@@ -24,11 +24,11 @@ from stadera.constants import GRAVITY
 from stadera.errors import StaderaError
 from stadera.lab.plant import OutsideForce, Tray
 from stadera.lab.scenarios.settings import SimulateSettings
+from stadera.lab.truth import Truth
 from stadera.logs import Recording
 from stadera.robot import Robot, load_robot
 from stadera.trunk import TrunkEstimator
 from stadera.trunk.samples import Samples
-from stadera.weigh.truth import Truth
 
 ROBOTS = ("hyq", "go2", "anymal_b", "b1", "a1", "aliengo")
 GAITS = ("trot", "crawl", "shake")

@@ -14,11 +14,11 @@ from stadera.files import write_text
 from stadera.lab.experiments.reality import toppled
 from stadera.lab.scenarios.run import simulate, stored
 from stadera.lab.scenarios.settings import SimulateSettings
+from stadera.lab.truth import Truth
 from stadera.logs import Recording
 from stadera.report.table import TableData
 from stadera.report.terminal import rich_table
 from stadera.robot import Robot
-from stadera.weigh.truth import Truth
 
 
 def parser_of(text: str | None) -> argparse.ArgumentParser:

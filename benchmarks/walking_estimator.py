@@ -40,11 +40,11 @@ import pinocchio as pin
 
 from stadera.files import written_together
 from stadera.lab.control import TestBed, Trot
+from stadera.lab.pinocchio import pinocchio_model
 from stadera.lab.plant import STANDARD, Plant, Sensors
 from stadera.lab.sensors import recording_of
 from stadera.logs import Recording
 from stadera.robot import Robot, load_robot
-from stadera.robot.pinocchio import pinocchio_model
 from stadera.robot.stance import standing_configuration
 from stadera.trunk.estimator import TrunkEstimator
 from stadera.trunk.measurement import measurements_of

@@ -15,6 +15,7 @@ from pathlib import Path
 
 import matplotlib
 import numpy as np
+from stadera.weigh.truth import TruthAt
 
 from stadera.identify.legs import identify
 from stadera.identify.result import LegIdentification
@@ -25,7 +26,6 @@ from stadera.lab.scenarios.settings import Load, SimulateSettings
 from stadera.report.pdf import find_browser
 from stadera.robot import load_robot
 from stadera.trunk import Samples, TrunkEstimator
-from stadera.weigh.truth import TruthAt
 
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt

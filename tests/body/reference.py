@@ -9,8 +9,8 @@ import pinocchio as pin
 
 from stadera.body import JointMotion, TrunkMotion
 from stadera.inertia import InertialParameters
+from stadera.lab.pinocchio import pinocchio_model
 from stadera.robot.model import Robot, Tree
-from stadera.robot.pinocchio import pinocchio_model
 
 
 def random_motion(n: int, samples: int = 12, seed: int = 0) -> JointMotion:

@@ -14,10 +14,10 @@ from stadera.body import Body, Motion
 from stadera.body.tree import State
 from stadera.errors import ModelError
 from stadera.inertia import InertialParameters
+from stadera.lab.pinocchio import pinocchio_model
 from stadera.robot import load_robot
 from stadera.robot.catalog import _example_robot_data
 from stadera.robot.modelfile import joint_axis, moving_axis
-from stadera.robot.pinocchio import pinocchio_model
 from stadera.types import Array
 
 SAMPLES = 5

@@ -31,8 +31,8 @@ from stadera.body import (
     stack,
 )
 from stadera.errors import IdentificationError, MissingExtraError
+from stadera.lab.pinocchio import pinocchio_model
 from stadera.robot import Robot, load_robot
-from stadera.robot.pinocchio import pinocchio_model
 
 HELD = np.array([0.0, 0.0, 1.0])
 TILTED = np.array([0.3, -0.5, 0.8])

@@ -11,8 +11,8 @@ import pytest
 from arm import with_arm
 from stadera.body import Body, Motion
 from stadera.inertia import InertialParameters
+from stadera.lab.pinocchio import pinocchio_model
 from stadera.robot import Robot, load_robot
-from stadera.robot.pinocchio import pinocchio_model
 from stadera.trunk.wrench import trunk_matrix, trunk_signals
 
 

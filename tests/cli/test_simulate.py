@@ -12,10 +12,10 @@ import pytest
 
 from stadera.lab.scenarios.catalog import SCENARIOS, scenario_named
 from stadera.lab.scenarios.settings import SimulateSettings
+from stadera.lab.truth import read_truth
 from stadera.logs import Recording, read, write_table
 from stadera.robot import load_robot
 from stadera.robot.stance import standing_configuration
-from stadera.weigh.truth import read_truth
 
 Run = Callable[..., Any]
 

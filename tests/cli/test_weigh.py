@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 
 from stadera.cli import main
+from stadera.lab.truth import Truth, read_truth
 from stadera.logs import Imu, Recording, read, write_table
 from stadera.logs.recording import take
 from stadera.robot import load_robot
-from stadera.weigh.truth import Truth, read_truth
 
 Run = Callable[..., Any]
 REST = ("--method", "contact")

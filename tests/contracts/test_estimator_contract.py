@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 from stadera.errors import IdentificationError, UnknownNameError
 from stadera.lab.baselines import ALL_METHODS
+from stadera.lab.laws.poses import WIDE_FOOT, WIDE_TORQUE
 from stadera.lab.laws.static_poses import PoseOffset, standing_still, static_poses
 from stadera.robot import load_robot
 from stadera.robot.kinematics import foot_positions
@@ -21,7 +22,6 @@ from stadera.trunk import Estimator, Measurement, Status, TrunkBounds, TrunkEsti
 from stadera.trunk.posture import PostureLaw
 from stadera.trunk.protocol import Weigher
 from stadera.trunk.registry import Setup, make_estimator
-from stadera.trunk.standing.poses import WIDE_FOOT, WIDE_TORQUE
 from standing import GRAVITY, StandingRobot
 
 ROBOT = load_robot("hyq")

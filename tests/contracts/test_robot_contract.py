@@ -11,9 +11,9 @@ import pytest
 
 from stadera.errors import MissingExtraError
 from stadera.lab.control.legs import foot_jacobians
+from stadera.lab.pinocchio import pinocchio_model
 from stadera.robot import CATALOG, LEG_NAMES, Robot, load_robot
 from stadera.robot.kinematics import foot_positions, forward_kinematics
-from stadera.robot.pinocchio import pinocchio_model
 from stadera.robot.stance import standing_configuration
 
 _SEED = 5

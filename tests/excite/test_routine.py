@@ -24,8 +24,8 @@ from stadera.excite.trunk.planted import AXES, Planted
 from stadera.excite.trunk.players import INTERFACES, player
 from stadera.excite.trunk.result import Routine
 from stadera.inertia import InertialParameters
+from stadera.lab.pinocchio import pinocchio_model
 from stadera.robot import load_robot
-from stadera.robot.pinocchio import pinocchio_model
 from stadera.trunk import TrunkEstimator
 
 

@@ -27,7 +27,7 @@ def test_a_command_without_its_packages_names_the_extra(
 
 def test_the_truth_of_a_run_is_read_without_the_test_bed() -> None:
     code = (
-        "import sys, stadera.weigh.truth\n"
+        "import sys, stadera.lab.truth\n"
         "print([name for name in ('mujoco', 'proxsuite', 'cvxpy') if name in sys.modules])"
     )
     finished = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

@@ -140,7 +140,7 @@ def test_mjcf_anchors_references_and_axes_are_mujocos(toy_mjcf: Robot) -> None:
 def test_mjcf_inertias_give_mujocos_gravity_torques_and_mass_matrix(toy_mjcf: Robot) -> None:
     import pinocchio as pin
 
-    from stadera.robot.pinocchio import pinocchio_model
+    from stadera.lab.pinocchio import pinocchio_model
 
     model, data = _mujoco(toy_mjcf)
     ours = pinocchio_model(toy_mjcf)

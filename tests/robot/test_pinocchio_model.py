@@ -8,8 +8,8 @@ import pytest
 
 from stadera.errors import UnknownNameError
 from stadera.inertia import InertialParameters
+from stadera.lab.pinocchio import pinocchio_model
 from stadera.robot import JointDynamics, load_robot
-from stadera.robot.pinocchio import pinocchio_model
 
 
 def _reordered(robot, model: pin.Model, v: np.ndarray) -> np.ndarray:

@@ -12,9 +12,9 @@ from stadera.body import Body
 from stadera.body import Motion as BodyMotion
 from stadera.errors import MissingExtraError, ModelError
 from stadera.inertia import skew
+from stadera.lab.pinocchio import pinocchio_model
 from stadera.robot import JointDynamics, Robot, load_robot
 from stadera.robot.kinematics import foot_positions
-from stadera.robot.pinocchio import pinocchio_model
 from stadera.robot.stance import standing_configuration
 from stadera.trunk import (
     ContactForceEstimator,

@@ -10,13 +10,13 @@ from scipy.spatial.transform import Rotation
 
 from stadera.errors import ModelError
 from stadera.inertia import InertialParameters
+from stadera.lab.laws.poses import COMBINED, PosesCom
 from stadera.lab.laws.static_poses import PoseOffset, expected_covariance, standing_still, static_poses
 from stadera.robot import Robot, load_robot
 from stadera.robot.kinematics import foot_positions
 from stadera.trunk import Measurement
 from stadera.trunk.standing.equilibrium import ConstantErrors, constant_errors_of, equilibrium_rows, error_slope
 from stadera.trunk.standing.forces import ContactForceEstimator, ForceNoise
-from stadera.trunk.standing.poses import COMBINED, PosesCom
 from standing import GRAVITY, StandingRobot
 
 ROBOT = load_robot("hyq")

@@ -10,6 +10,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from stadera.lab.laws.mass import MassEstimator
+from stadera.lab.laws.poses import SETTLED
 from stadera.lab.scenarios.run import simulate
 from stadera.lab.scenarios.settings import SimulateSettings
 from stadera.robot import load_robot
@@ -19,7 +20,6 @@ from stadera.trunk.measurement import measurements_of
 from stadera.trunk.registry import Setup, make_estimator
 from stadera.trunk.standing.detection import VelocityNoise
 from stadera.trunk.standing.forces import measurements_without_imu
-from stadera.trunk.standing.poses import SETTLED
 from stadera.weigh.at_rest import AtRest
 from stadera.weigh.settings import WeighSettings
 from standing import StandingRobot

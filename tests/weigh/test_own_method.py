@@ -66,8 +66,8 @@ def test_it_reaches_json_and_page(tmp_path: Path, run: Callable[..., Any]) -> No
 
 def test_installed_packages_name_their_estimators(monkeypatch: pytest.MonkeyPatch) -> None:
     named = EntryPoints(
-        EntryPoint(name, f"stadera.trunk.{value}", registry.GROUP)
-        for name, value in (("mine", "standing.poses:PosesCom"), ("lost", "nowhere:Any"))
+        EntryPoint(name, f"stadera.lab.laws.{value}", registry.GROUP)
+        for name, value in (("mine", "poses:PosesCom"), ("lost", "nowhere:Any"))
     )
     monkeypatch.setattr(registry, "entry_points", lambda group: named.select(group=group))
     robot = load_robot("hyq")

@@ -135,9 +135,9 @@ def _run(robot: Robot, scenario: str, settings: SimulateSettings, leg: str | Non
 
 def _write(run: Run, out: Path, model: Path | None) -> None:
     """Writes all files or none."""
+    from stadera.lab.truth import truth_json, truth_paths
     from stadera.logs import write_table
     from stadera.robot.export import export_model
-    from stadera.weigh.truth import truth_json, truth_paths
 
     truth, motion = truth_paths(out)
     write_outputs(
@@ -149,8 +149,8 @@ def _write(run: Run, out: Path, model: Path | None) -> None:
 
 
 def _print(run: Run, out: Path) -> None:
+    from stadera.lab.truth import truth_paths
     from stadera.report.numbers import number
-    from stadera.weigh.truth import truth_paths
 
     log, last = run.recording, run.truth.moments[-1]
     com = ", ".join(number(value) for value in last.com)

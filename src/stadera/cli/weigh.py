@@ -61,9 +61,9 @@ def weigh(
     on_scale = None if weight is None else parse.weight(weight)
     test = None if known is None else parse.known(known)
 
+    from stadera.lab.truth import read_truth
     from stadera.report.weigh.tables import weighing_tables
     from stadera.weigh.settings import check_choice
-    from stadera.weigh.truth import read_truth
     from stadera.weigh.weigh import weigh as weigh_log
 
     check_choice(method, springs)

@@ -13,7 +13,6 @@ from stadera.trunk.settings import ChangeSettings, ModelErrors, OutlierSettings,
 from stadera.trunk.standing.detection import StaticDetector, StaticLimits
 from stadera.trunk.standing.equilibrium import ConstantErrors
 from stadera.trunk.standing.forces import ContactForceEstimator, ForceNoise
-from stadera.trunk.standing.poses import PosesCom
 
 __all__ = [
     "METHODS",
@@ -29,7 +28,6 @@ __all__ = [
     "ModelErrors",
     "OutlierSettings",
     "Payload",
-    "PosesCom",
     "Samples",
     "Setup",
     "StaticDetector",

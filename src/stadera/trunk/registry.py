@@ -24,7 +24,6 @@ from stadera.trunk.posture import PostureLaw
 from stadera.trunk.protocol import OwnEstimator, Weigher
 from stadera.trunk.settings import TrunkSettings
 from stadera.trunk.standing.forces import ContactForceEstimator
-from stadera.trunk.standing.poses import COMBINED, PosesCom
 
 GROUP = "stadera.estimators"
 """Group of the entry points of installed packages that are methods, too."""
@@ -84,11 +83,23 @@ def _contact(setup: Setup) -> Weigher:
     return ContactCom(setup.robot, setup.start, setup.forces)
 
 
+def _poses(setup: Setup) -> Weigher:
+    from stadera.lab.laws.poses import PosesCom
+
+    return PosesCom(setup.robot, setup.start, setup.forces)
+
+
+def _combined(setup: Setup) -> Weigher:
+    from stadera.lab.laws.poses import COMBINED, PosesCom
+
+    return PosesCom(setup.robot, setup.start, setup.forces, COMBINED)
+
+
 METHODS: Mapping[str, Method] = MappingProxyType(
     {
         "poses": Method(
             "least squares over static poses",
-            lambda s: PosesCom(s.robot, s.start, s.forces),
+            _poses,
             needs_imu=False,
             at_rest=True,
         ),
@@ -98,7 +109,7 @@ METHODS: Mapping[str, Method] = MappingProxyType(
         "contact": Method("steps by the contact forces' line of action", _contact, at_rest=True),
         "combined": Method(
             "static poses, with torque offsets and feet as unknowns",
-            lambda s: PosesCom(s.robot, s.start, s.forces, COMBINED),
+            _combined,
             needs_imu=False,
             at_rest=True,
         ),

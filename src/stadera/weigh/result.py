@@ -22,9 +22,9 @@ from stadera.types import Array, Bools
 from stadera.weigh.next_steps import NextStep, UseLimits
 
 if TYPE_CHECKING:
+    from stadera.lab.truth import Truth
     from stadera.report.figures import Figure
     from stadera.report.table import TableData
-    from stadera.weigh.truth import Truth
 
 _UNITS = {"time": "s", "mass": "kg", "com": "m", "inertia": "kg·m²", "torque_lag": "s", "tilt_std": "rad"} | {
     "armature": "kg·m²",

@@ -14,9 +14,9 @@ from stadera.lab.control import ControlError, TestBed, TrunkController, TrunkPos
 from stadera.lab.control.legs import LegDynamics
 from stadera.lab.control.reference import Move
 from stadera.lab.control.swing import SwingTrajectory
+from stadera.lab.pinocchio import pinocchio_model
 from stadera.lab.plant import HARSH, STANDARD
 from stadera.robot.kinematics import foot_positions
-from stadera.robot.pinocchio import pinocchio_model
 from stadera.robot.stance import standing_configuration
 
 LEG = 1

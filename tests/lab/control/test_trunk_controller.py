@@ -14,10 +14,10 @@ from stadera.inertia import skew
 from stadera.lab.control import ControlError, TrunkController, TrunkGains, TrunkPose
 from stadera.lab.control.legs import MeasuredLegs
 from stadera.lab.control.trunk import SmoothTrunk
+from stadera.lab.pinocchio import pinocchio_model
 from stadera.lab.plant import Terrain
 from stadera.robot import Robot
 from stadera.robot.kinematics import foot_positions
-from stadera.robot.pinocchio import pinocchio_model
 from stadera.robot.stance import standing_configuration
 from stadera.trunk import ImplausibleError, Measurement, TrunkBounds, TrunkModel, ground_normal
 

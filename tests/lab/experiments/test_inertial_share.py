@@ -8,9 +8,9 @@ import pinocchio as pin
 from stadera.inertia import skew
 from stadera.lab.control import Crawl, CrawlCommand, TestBed, TrunkController
 from stadera.lab.experiments.inertial_share import InertialTorques
+from stadera.lab.pinocchio import pinocchio_model
 from stadera.lab.plant import IDEAL, Plant, Sensors
 from stadera.robot import load_robot
-from stadera.robot.pinocchio import pinocchio_model
 from stadera.robot.stance import standing_configuration
 
 

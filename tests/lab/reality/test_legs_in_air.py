@@ -12,8 +12,8 @@ from stadera.identify.settings import IdentifySettings
 from stadera.lab.scenarios.run import simulate
 from stadera.lab.scenarios.settings import SimulateSettings
 from stadera.lab.scenarios.swing import swing
+from stadera.lab.truth import truth_json
 from stadera.robot import load_robot
-from stadera.weigh.truth import truth_json
 
 GO2 = load_robot("go2")
 SEED = 2138884369

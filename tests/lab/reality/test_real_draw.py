@@ -16,11 +16,11 @@ from stadera.lab.reality import REAL_SETS, Drawn, RealSizes, TrueMotion, drawn, 
 from stadera.lab.scenarios.run import Run, simulate
 from stadera.lab.scenarios.settings import SimulateSettings
 from stadera.lab.sensors import effort_limits
+from stadera.lab.truth import truth_json
 from stadera.robot import load_robot
 from stadera.robot.imu import ImuMount
 from stadera.robot.model import Frame, Robot
 from stadera.robot.stance import standing_configuration
-from stadera.weigh.truth import truth_json
 
 GO2 = load_robot("go2")
 EXACT = replace(

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
+from stadera.lab.pinocchio import pinocchio_model
 from stadera.robot.model import Robot
-from stadera.robot.pinocchio import pinocchio_model
 from stadera.types import Array
 
 

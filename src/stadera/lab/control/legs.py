@@ -23,9 +23,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from stadera.body.friction import direction
 from stadera.inertia import skew
+from stadera.lab.pinocchio import pinocchio_model
 from stadera.robot.kinematics import forward_kinematics
 from stadera.robot.model import Robot
-from stadera.robot.pinocchio import pinocchio_model
 from stadera.trunk.measurement import Measurement
 from stadera.types import Array
 

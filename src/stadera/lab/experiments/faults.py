@@ -25,12 +25,12 @@ from stadera.lab.experiments.runner import Outcome, Paper, ReproduceSettings, gr
 from stadera.lab.plant import SimulationError
 from stadera.lab.scenarios.run import simulate, stored
 from stadera.lab.scenarios.settings import Load, SimulateSettings
+from stadera.lab.truth import Truth
 from stadera.logs import Recording
 from stadera.report.table import Cell, Row, TableData
 from stadera.robot import load_robot
 from stadera.robot.model import Robot
 from stadera.weigh.result import Weighing
-from stadera.weigh.truth import Truth
 from stadera.weigh.weigh import weigh
 
 PAPER = Paper.of("faults")

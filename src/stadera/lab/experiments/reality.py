@@ -30,6 +30,7 @@ from stadera.lab.plant import SimulationError, Tray
 from stadera.lab.scenarios.run import simulate, stored
 from stadera.lab.scenarios.settings import Load, SimulateSettings
 from stadera.lab.scenarios.swing import swing
+from stadera.lab.truth import Truth
 from stadera.logs import Recording
 from stadera.report.table import Row, TableData
 from stadera.robot import Robot, load_robot
@@ -38,7 +39,6 @@ from stadera.trunk import make_estimator
 from stadera.trunk.registry import Setup
 from stadera.trunk.samples import Samples
 from stadera.types import Array
-from stadera.weigh.truth import Truth
 
 OURS = "walking"
 """Name of the library's estimator in the registry of methods."""

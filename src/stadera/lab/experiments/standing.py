@@ -20,6 +20,7 @@ from stadera.lab.control import TestBed, TrunkController, TrunkPose
 from stadera.lab.laws.contact_com import ContactCom
 from stadera.lab.laws.mass import MassEstimator
 from stadera.lab.laws.orientation import OrientationCom
+from stadera.lab.laws.poses import PosesCom
 from stadera.lab.laws.recursive import RecursiveCom
 from stadera.lab.laws.static_poses import PoseOffset, static_poses
 from stadera.lab.plant import IDEAL, Gaussian, Plant, SensorErrors, Sensors, Terrain, VirtualForce
@@ -29,7 +30,6 @@ from stadera.robot.stance import standing_configuration
 from stadera.trunk import ContactForceEstimator, Estimator, Measurement, Status, TrunkModel
 from stadera.trunk.posture import PostureLaw
 from stadera.trunk.registry import Setup, make_estimator
-from stadera.trunk.standing.poses import PosesCom
 from stadera.types import Array
 
 METHOD_NAMES: Mapping[str, str] = {

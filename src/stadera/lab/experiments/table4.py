@@ -19,13 +19,13 @@ from stadera.lab.experiments.standing import (
     poses_of,
     stand,
 )
+from stadera.lab.laws.poses import WIDE_FOOT, WIDE_TORQUE
 from stadera.lab.laws.static_poses import PoseOffset, expected_covariance
 from stadera.lab.plant import Gaussian, SensorErrors
 from stadera.report.table import TableData
 from stadera.robot import Robot, load_robot
 from stadera.trunk.standing.equilibrium import ConstantErrors
 from stadera.trunk.standing.forces import ForceNoise
-from stadera.trunk.standing.poses import WIDE_FOOT, WIDE_TORQUE
 
 PAPER = Paper.of("table4")
 

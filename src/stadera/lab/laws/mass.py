@@ -17,11 +17,11 @@ import numpy as np
 
 from stadera.constants import GRAVITY
 from stadera.errors import require_positive
+from stadera.lab.laws.static import StaticEstimator
 from stadera.robot.model import Robot
 from stadera.trunk.measurement import Measurement
 from stadera.trunk.model import TrunkModel
 from stadera.trunk.protocol import unobserved
-from stadera.trunk.standing.detection import StaticEstimator
 from stadera.trunk.standing.equilibrium import ConstantErrors, felt_by_mass
 from stadera.trunk.standing.forces import ContactForceEstimator, ContactForces
 from stadera.types import Array

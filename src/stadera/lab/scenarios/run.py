@@ -27,11 +27,11 @@ from stadera.lab.plant.whole import as_loaded, whole_robot
 from stadera.lab.reality import Drawn, TrueMotion, drawn, measured_log, with_usual_drives
 from stadera.lab.scenarios.catalog import Scenario, ScriptEvent, controlled, scenario_named
 from stadera.lab.scenarios.settings import SimulateSettings
+from stadera.lab.truth import Truth, TruthAt, read_truth, truth_json, truth_paths
 from stadera.logs import Recording, read, write_table
 from stadera.robot.model import Robot
 from stadera.robot.stance import standing_configuration
 from stadera.types import Progress
-from stadera.weigh.truth import Truth, TruthAt, read_truth, truth_json, truth_paths
 
 PERIOD = 1e-3
 """[s], of simulation and control."""

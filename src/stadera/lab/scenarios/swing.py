@@ -21,10 +21,10 @@ from stadera.lab.reality import TrueMotion, drawn, measured_log
 from stadera.lab.scenarios.catalog import DEFAULTS, SWING
 from stadera.lab.scenarios.run import PERIOD, Run
 from stadera.lab.scenarios.settings import SimulateSettings
+from stadera.lab.truth import Truth, TruthAt
 from stadera.logs import Recording
 from stadera.robot.model import Robot
 from stadera.types import Progress
-from stadera.weigh.truth import Truth, TruthAt
 
 ALL = "all"
 

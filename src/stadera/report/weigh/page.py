@@ -17,7 +17,7 @@ from stadera.trunk.registry import method_of
 from stadera.weigh.result import Weighing
 
 if TYPE_CHECKING:
-    from stadera.weigh.truth import Truth
+    from stadera.lab.truth import Truth
 
 
 def next_steps(result: Weighing) -> Iterator[str]:

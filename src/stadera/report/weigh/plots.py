@@ -13,7 +13,7 @@ from stadera.types import Array
 from stadera.weigh.result import Balance, Weighing
 
 if TYPE_CHECKING:
-    from stadera.weigh.truth import Truth
+    from stadera.lab.truth import Truth
 
 
 def figures(result: Weighing, truth: Truth | None = None) -> dict[str, Figure]:

@@ -20,7 +20,7 @@ from stadera.weigh.next_steps import NextStep
 from stadera.weigh.result import Weighing
 
 if TYPE_CHECKING:
-    from stadera.weigh.truth import Truth
+    from stadera.lab.truth import Truth
 
 
 _HEAD = ("trunk frame", "mass [kg]", "com x [m]", "com y [m]", "com z [m]")

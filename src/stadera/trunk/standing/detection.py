@@ -24,9 +24,8 @@ hold the trunk at rest, and only the sway of the forces' direction is monitored.
 
 from __future__ import annotations
 
-from abc import abstractmethod
 from dataclasses import dataclass, fields
-from math import isfinite, isnan, sqrt
+from math import isfinite, sqrt
 
 import numpy as np
 
@@ -35,9 +34,7 @@ from stadera.errors import require_positive
 from stadera.inertia import skew
 from stadera.robot.model import Robot
 from stadera.trunk.measurement import Measurement
-from stadera.trunk.model import ImplausibleError, TrunkBounds, TrunkModel
-from stadera.trunk.protocol import Status, StepEstimator, TrunkEstimate
-from stadera.trunk.standing.forces import ContactForceEstimator, ContactForces
+from stadera.trunk.standing.forces import ContactForces
 from stadera.types import Array, Bools
 
 _CHANNELS = ("joint_position", "joint_velocity", "effort", "angular_velocity", "specific_force")
@@ -273,91 +270,3 @@ def stretched(forces: ContactForces, robot: Robot, meant: Bools | None = None) -
     lost = np.isnan(forces.force).any(axis=1) & (True if meant is None else meant)
     leg = robot.legs[int(np.argmax(lost))].name
     return f"leg {leg} is so stretched that its foot's force is not felt" if lost.any() else ""
-
-
-class StaticEstimator(StepEstimator):
-    """Base of estimators at rest: selects measurements, keeps the last good estimate, and tells why others are refused.
-
-    Args:
-        robot: the model of the legs.
-        start: initial estimate; None for the robot's own trunk.
-        forces: estimator of contact forces; None for a new one.
-        limits: for a robot at rest; None for the estimator's own.
-
-    Raises:
-        ImplausibleError: the start lies outside `TrunkBounds.of(robot)`.
-    """
-
-    _WITHOUT_IMU = False  # whether its covariance includes a vertical computed from the forces
-
-    def __init__(
-        self,
-        robot: Robot,
-        start: TrunkModel | None = None,
-        forces: ContactForceEstimator | None = None,
-        limits: StaticLimits | None = None,
-    ) -> None:
-        self.robot, self.forces = robot, forces or ContactForceEstimator(robot)
-        self.bounds = TrunkBounds.of(robot)
-        self.gate = StaticDetector(robot, limits)
-        self._trunk = self._start = self.bounds.check(start or TrunkModel.prior(robot))
-        self._status, self._reason = Status.WAITING, ""
-        self._learnt, self._seen, self._ran_away = np.nan, -np.inf, False
-
-    def update(self, measurement: Measurement) -> None:
-        """Uses a measurement at rest; refuses any other and keeps its estimate."""
-        if reason := self._complaint(measurement):
-            self._refuse(reason)
-            return
-        forces = self.forces.at(measurement)
-        reason = stretched(forces, self.robot, measurement.stance) or self.gate.complaint(measurement, forces)
-        if reason:
-            self._refuse(reason)
-            self._interrupted()
-            return
-        if self._status is Status.REFUSED and not self._ran_away:
-            self._status, self._reason = Status.WAITING if isnan(self._learnt) else Status.MOVING, ""
-        self._learn(measurement, forces)
-
-    def estimate(self) -> TrunkEstimate:
-        """The present estimate; after a refusal the last good one, with the reason."""
-        return TrunkEstimate(self._learnt, self._trunk, self._covariance(), self._status, self._reason)
-
-    @abstractmethod
-    def _learn(self, measurement: Measurement, forces: ContactForces) -> None:
-        """Processes a measurement at rest."""
-
-    @abstractmethod
-    def _covariance(self) -> Array:
-        """Covariance (4, 4) of mass and centre of mass."""
-
-    def _interrupted(self) -> None:
-        """Called after an interruption of rest."""
-
-    def _refuse(self, reason: str) -> None:
-        self._status, self._reason = Status.REFUSED, reason
-
-    def _adopt(self, time: float, mass: float, com: Array, converged: bool) -> bool:
-        """Makes mass [kg] and centre of mass (3,) [m] the estimate, unless they are implausible."""
-        self._ran_away = True
-        try:
-            trunk = TrunkModel(mass, com, self._start.inertia_com)
-        except ImplausibleError as error:
-            self._refuse(f"the estimate runs away: {error}")
-            return False
-        if complaint := self.bounds.complaint(trunk):
-            self._refuse(f"the estimate runs away: {complaint}")
-            return False
-        self._trunk, self._learnt, self._ran_away = trunk, time, False
-        self._status, self._reason = Status.CONVERGED if converged else Status.MOVING, ""
-        return True
-
-    def _complaint(self, m: Measurement) -> str:
-        if m.vertical_by_forces and not self._WITHOUT_IMU:
-            return f"{type(self).__name__} needs an IMU: it takes the vertical for independent of the feet's forces"
-        if reason := not_finite(m, self.robot.tree.joints):
-            return reason
-        if not m.time > self._seen:
-            return f"time must increase, got {m.time:.6f} s after {self._seen:.6f} s"
-        self._seen = m.time
-        return ""

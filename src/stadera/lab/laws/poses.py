@@ -1,0 +1,216 @@
+"""Approach (a): the centre of mass by least squares over static poses (the paper's section III.A, eq. 8-11).
+
+The equations at rest (`stadera.trunk.standing`) contain only the centre of mass normal to the vertical; poses that tilt
+the trunk about two axes determine all of it. With `COMBINED` the errors are estimated as well: they stay the same while
+the poses change, and two unknown torques cannot mimic a shifted load at every tilt, height and position of the trunk.
+Then
+
+    Σ_poses ‖whitened equations(θ, n)‖² + nᵀ C⁻¹ n + the weak prior
+
+is minimised over trunk θ and errors n by Gauss-Newton: the equations are linear in everything except the feet, and
+nearly so in these. Each leg in the air adds three equations.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stadera.errors import require_positive
+from stadera.information import Information, Unknowns
+from stadera.lab.laws.static import StaticEstimator
+from stadera.robot.model import Robot
+from stadera.trunk.load import centre_slope
+from stadera.trunk.measurement import Measurement
+from stadera.trunk.model import TrunkBounds, TrunkModel
+from stadera.trunk.protocol import TrunkEstimate, unobserved
+from stadera.trunk.standing.detection import StaticLimits
+from stadera.trunk.standing.equilibrium import ConstantErrors, constant_errors_of
+from stadera.trunk.standing.forces import ContactForceEstimator, ContactForces, ForceNoise
+from stadera.trunk.standing.poses import Alike, PoseMean, with_box, with_poses
+from stadera.types import Array
+
+SETTLED = StaticLimits(joint_velocity=0.02, quiet=0.5)
+"""Limits for a robot at rest for so long that the trunk's residual sway is negligible."""
+
+
+@dataclass(frozen=True)
+class PosesSettings:
+    """Settings of the estimate from poses.
+
+    Attributes:
+        seek_errors: treat constant errors as unknowns; else they are considered.
+        kept: closed poses that are linearised again in every solution; older ones are summed up permanently.
+        iterations: largest number of Gauss-Newton iterations, if errors are sought.
+        settled: change of the centre of mass at which they stop [m].
+        observed: share of the plausible range's standard deviation below which a component counts as observed.
+        torque_constant, foot_position: sizes of torque offsets, as a share of the effort limits, and of errors of the
+            feet's positions [m] (1 σ); None for those of the forces' noise. The vertical's error is 0.2°.
+        still: limits for a robot at rest.
+        alike: criteria for samples of one pose.
+
+    Raises:
+        StaderaError: a value that is not positive.
+    """
+
+    seek_errors: bool = False
+    kept: int = 0
+    iterations: int = 6
+    settled: float = 1e-6
+    observed: float = 0.2
+    torque_constant: float | None = None
+    foot_position: float | None = None
+    still: StaticLimits = SETTLED
+    alike: Alike = field(default_factory=Alike)
+
+    def __post_init__(self) -> None:
+        require_positive("pose setting", self, ("iterations", "settled", "observed"))
+
+
+WIDE_TORQUE, WIDE_FOOT = 0.15, 0.03
+"""Sizes of the errors in the combined method: share of the effort limits, and [m] (1 σ)."""
+
+COMBINED = PosesSettings(seek_errors=True, kept=64, torque_constant=WIDE_TORQUE, foot_position=WIDE_FOOT)
+"""The combined method, with torque offsets and feet as unknowns too. The paper's errors are up to 20 N·m and 3 cm."""
+
+
+class PosesCom(StaticEstimator):
+    """Estimates all three components by least squares over the poses held so far, with bounded memory.
+
+    Args:
+        robot: the model of the legs.
+        start: value of components that no pose determines; None for the robot's own trunk.
+        forces: estimator of contact forces; None for a new one.
+        settings: None for the defaults, the paper's approach (a); `COMBINED` for errors as unknowns.
+
+    Attributes:
+        poses: number of poses held.
+
+    Raises:
+        ImplausibleError: the start is implausible.
+    """
+
+    _WITHOUT_IMU = True
+
+    def __init__(
+        self,
+        robot: Robot,
+        start: TrunkModel | None = None,
+        forces: ContactForceEstimator | None = None,
+        settings: PosesSettings | None = None,
+    ) -> None:
+        self.settings = settings or PosesSettings()
+        super().__init__(robot, start, forces, self.settings.still)
+        noise, torque, foot = self.forces.noise, self.settings.torque_constant, self.settings.foot_position
+        if torque is not None and foot is not None:
+            noise = ForceNoise.of(robot, constant=torque, foot_position=foot)
+        self.errors = ConstantErrors.of(robot, noise)
+        self._folded = plausible(robot, self._start, self.bounds)
+        self._open: PoseMean | None = None
+        self._closed: list[PoseMean] = []
+        self._linear_at = self._anchor = np.zeros(len(self.errors.places))
+        self._known = unobserved()
+        self._solved, self._latest, self.poses = -np.inf, np.nan, 0
+
+    @property
+    def sources(self) -> Array:
+        """Constant errors as last estimated, (k,), see `constant_errors_of`; zero if they are not estimated."""
+        return self._linear_at.copy()
+
+    def estimate(self) -> TrunkEstimate:
+        """The estimate from all poses so far, computed on demand."""
+        refusal = "" if self._ran_away else self._reason
+        self._solve()
+        if refusal:
+            self._refuse(refusal)
+        return super().estimate()
+
+    def _learn(self, measurement: Measurement, forces: ContactForces) -> None:
+        self._latest = measurement.time
+        if self._open is None or not self._open.takes(measurement, self.settings.alike):
+            self._close()
+            self._open, self.poses = PoseMean(measurement), self.poses + 1
+
+    def _close(self) -> None:
+        kept = self.settings.kept
+        if kept and len(self._closed) >= kept:  # the oldest pose is about to be linearised permanently
+            self._solve()
+            self._anchor = self._linear_at
+        if self._open is not None:
+            self._closed.append(self._open)
+            self._open = None
+        while len(self._closed) > kept:
+            self._folded = with_poses(self._folded, self.forces, [self._closed.pop(0)], self._linear_at)
+
+    def _solution(self) -> Information:
+        """Gauss-Newton from the errors at which older poses were linearised; one step if errors are considered."""
+        settings, before = self.settings, np.full(3, np.inf)
+        self._linear_at = self._anchor
+        poses = [*self._closed, self._open] if self._open is not None else self._closed
+        for _ in range(settings.iterations):
+            known = with_poses(self._folded, self.forces, poses, self._linear_at)
+            known = with_errors(known, self.errors, seek=settings.seek_errors)
+            if not settings.seek_errors:
+                break
+            self._linear_at, com = known.mean[known["errors"]], centre_of(known)[0][1:]
+            if float(np.abs(com - before).max()) < settings.settled:
+                break
+            before = com
+        return known
+
+    def _solve(self) -> None:
+        if np.isnan(self._latest) or self._latest == self._solved:
+            return
+        value, covariance = centre_of(self._solution())
+        self._solved = self._latest
+        hidden = np.flatnonzero(~(np.sqrt(np.diag(covariance)) < self.settings.observed * self.bounds.spread))
+        start = np.array([self._start.mass, *self._start.com_trunk])
+        value = _conditioned(value, covariance, hidden, start)
+        if self._adopt(self._latest, float(value[0]), value[1:], not len(hidden)):
+            self._known = covariance
+            self._known[hidden, :] = self._known[:, hidden] = np.nan
+
+    def _covariance(self) -> Array:
+        return self._known
+
+
+def _conditioned(value: Array, covariance: Array, fixed: NDArray[np.intp], at: Array) -> Array:
+    """Conditional mean of the other components when some are known to be `at`."""
+    if not len(fixed):
+        return value
+    gain = covariance[:, fixed] @ np.linalg.inv(covariance[np.ix_(fixed, fixed)])
+    result = value + gain @ (at[fixed] - value[fixed])
+    result[fixed] = at[fixed]
+    return np.asarray(result)
+
+
+def plausible(robot: Robot, start: TrunkModel, bounds: TrunkBounds) -> Information:
+    """The weak prior: mass and centre of mass around the start, as wide as uniform distributions over the plausible
+    box.
+    """
+    empty = Information.empty(Unknowns.of(trunk=4, errors=len(constant_errors_of(robot))))
+    known = with_box(empty, "trunk", bounds, start.mass, start.com_trunk)
+    matrix = np.zeros((1, len(known)))
+    matrix[0, known["trunk"].start] = 1.0 / bounds.spread[0]
+    return known.add(matrix, np.array([start.mass / bounds.spread[0]]))
+
+
+def with_errors(known: Information, errors: ConstantErrors, *, seek: bool) -> Information:
+    """Treats the constant errors as unknowns with a prior, or as considered errors, which removes them from the
+    unknowns.
+    """
+    if not seek:
+        return known.consider(errors.root, ("errors",))
+    count = len(errors.places)
+    matrix = np.zeros((count, len(known)))
+    matrix[:, known["errors"]] = np.linalg.inv(errors.root)
+    return known.add(matrix, np.zeros(count))
+
+
+def centre_of(known: Information, body: str = "trunk") -> tuple[Array, Array]:
+    """Mass [kg] and centre of mass [m] of a body (4,), and their covariance (4, 4)."""
+    moments = known.mean[known[body]]
+    slope = centre_slope(moments)
+    return np.array([moments[0], *moments[1:] / moments[0]]), slope @ known.covariance(body) @ slope.T
