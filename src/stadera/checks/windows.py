@@ -7,7 +7,7 @@ Joint by joint, in windows of a second:
 - jump of the position: a single step of q that is missing in ∫ q̇ dt, and that is not reversed soon after.
 - impossible torque: several times the drive's limit.
 - clipped torque: a signal that changes with every sample elsewhere but repeats its maximum bit for bit.
-- torque that is only noise: uncorrelated from sample to sample, while the other torques are correlated.
+- torque that is only noise: means over 20 ms are uncorrelated, while those of the other torques are correlated.
 """
 
 from collections.abc import Iterator, Sequence
@@ -62,6 +62,11 @@ class Windows:
 
     def __len__(self) -> int:
         return len(self.edges) - 1
+
+    @property
+    def span(self) -> float:
+        """Time of all windows [s]."""
+        return float(self.edges[-1] - self.edges[0])
 
     def sums(self, values: Array, of_sample: NDArray[np.int64] | None = None) -> Array:
         """Sums over windows of values (samples, k), (windows, k)."""
@@ -216,17 +221,19 @@ def _clipped(effort: Array, robot: Robot, windows: Windows, limits: WindowLimits
 
 
 def _noise(effort: Array, robot: Robot, windows: Windows, limits: WindowLimits) -> Iterator[WindowFault]:
-    """Detects noise by the correlation from sample to sample, ρ = 1 - Σ (τ_k+1 - τ_k)² / 2 Σ (τ_k - τ̄)², about a mean
-    of zero: a joint that rests holds something.
+    """Detects noise by the correlation ρ = 1 - Σ (τ_k+1 - τ_k)² / 2 Σ (τ_k - τ̄)² of successive means over `averaged`,
+    about a mean of zero: a joint that rests holds something, and one that carries little does so for longer.
     """
-    count = np.maximum(np.bincount(windows.of_sample, minlength=len(windows)), 1)[:, None]
-    same = windows.of_sample[1:] == windows.of_sample[:-1]
+    edges = np.linspace(0, len(effort), min(len(effort), round(windows.span / limits.averaged)) + 1).astype(np.int64)
+    of_mean = windows.of_sample[edges[:-1]]
+    count = np.maximum(np.bincount(of_mean, minlength=len(windows)), 1)[:, None]
+    same = of_mean[1:] == of_mean[:-1]
     correlation, holds = np.empty((2, len(windows), effort.shape[1]))
     for k in range(0, effort.shape[1], limits.at_once):
-        own = effort[:, k : k + limits.at_once]
-        mean = windows.sums(own) / count
-        away = windows.sums((own - mean[windows.of_sample]) ** 2)
-        steps = windows.sums(np.diff(own, axis=0)[same] ** 2, windows.of_sample[1:][same])
+        own = np.add.reduceat(effort[:, k : k + limits.at_once], edges[:-1]) / np.diff(edges)[:, None]
+        mean = windows.sums(own, of_mean) / count
+        away = windows.sums((own - mean[of_mean]) ** 2, of_mean)
+        steps = windows.sums(np.diff(own, axis=0)[same] ** 2, of_mean[1:][same])
         correlation[:, k : k + limits.at_once] = 1.0 - 0.5 * steps / np.maximum(away, 1e-300)
         holds[:, k : k + limits.at_once] = count * np.abs(mean) / np.sqrt(np.maximum(away, 1e-300))
     for j, joint in enumerate(robot.tree.joints):
