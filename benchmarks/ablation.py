@@ -26,7 +26,7 @@ import numpy as np
 from stadera.lab.experiments.reality import RealityCase, real_log, toppled
 from stadera.logs.reader import read
 from stadera.robot import load_robot
-from stadera.trunk import ModelErrors, TrunkEstimator, TrunkSettings, changes, front, ground, history, rows
+from stadera.trunk import ModelErrors, TrunkEstimator, TrunkSettings, changes, front, ground, history, window
 from stadera.trunk.samples import Samples
 
 ROBOTS, GAITS, SHARES = ("go2", "hyq", "anymal_c", "b1"), ("trot", "crawl", "shake"), (0.1, 0.05, 0.25, 0.0)
@@ -41,8 +41,8 @@ def sizes(**values: float) -> TrunkSettings:
 
 MECHANISMS: dict[str, tuple[TrunkSettings, Any, str, Any]] = {
     "as it is": (PLAIN, None, "", None),
-    "direction of sliding by samples": (PLAIN, rows, "_fitted", lambda velocity: np.ascontiguousarray(velocity)),
-    "ground level": (PLAIN, ground.GroundNormal, "learn", lambda self, *_: None),
+    "direction of sliding by samples": (PLAIN, window.Window, "line", lambda self, velocity: velocity),
+    "ground level": (PLAIN, ground.GroundNormal, "normals", lambda self, up, *_: up),
     "blocks count alike": (PLAIN, history.RobustWeights, "weight", lambda self, *_: 1.0),
     "blocks at rest count alike": (
         replace(

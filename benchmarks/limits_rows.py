@@ -24,10 +24,11 @@ from stadera.inertia import InertialParameters
 from stadera.robot import Robot
 from stadera.robot.imu import ImuMount
 from stadera.trunk.front import Front
-from stadera.trunk.rows import BlockRows, half_window
+from stadera.trunk.rows import BlockRows
 from stadera.trunk.samples import SampleBuffer, Samples
 from stadera.trunk.segment import robot_weight, unit_of_rows
 from stadera.trunk.settings import TrunkSettings
+from stadera.trunk.window import half_window
 from stadera.types import Array, Bools
 
 _STEP, _SHIFT = 1e-5, 1e-3  # rad; m or s, of differences
@@ -69,7 +70,7 @@ class LogRows:
             if stretch.gap:
                 maker.interrupt()
             for table in stretch.blocks:
-                block, times = maker.block(table), table[1:-1, 0]
+                block, times = maker.blocks(table, (len(table) - 2,))[0], table[1:-1, 0]
                 if block.rows is not None and not block.struck and before is not None:
                     made.append((block.rows, (before, times)))
                 before = times

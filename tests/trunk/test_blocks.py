@@ -54,10 +54,11 @@ def test_blocks_are_refused() -> None:
     force[5] = 0.0
     table = replace(data, position=position, specific_force=force).table
     maker = Front(made, MOUNT, TrunkSettings())
-    noise = maker.torque_noise
-    assert "accelerometer reads zero" in maker.block(table[:12]).refusal
-    assert f"leg {made.legs[2].name} is so stretched" in maker.block(table[10:22]).refusal
-    np.testing.assert_array_equal(maker.torque_noise, noise)
+    noise = maker._maker.noise.variance
+    zero, stretched = maker.blocks(table[:22], (10, 10))
+    assert "accelerometer reads zero" in zero.refusal
+    assert f"leg {made.legs[2].name} is so stretched" in stretched.refusal
+    np.testing.assert_array_equal(maker._maker.noise.variance, noise)
 
 
 def test_measurements_of_any_layout_count_alike() -> None:

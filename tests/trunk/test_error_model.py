@@ -16,10 +16,11 @@ from stadera.robot import JointDynamics, Robot, load_robot
 from stadera.robot.imu import ImuMount
 from stadera.robot.kinematics import forward_kinematics
 from stadera.trunk.error_model import ErrorModel
-from stadera.trunk.noise import third_differences_squared
+from stadera.trunk.noise import mean_third_differences_squared
 from stadera.trunk.rows import BlockRows, RowMaker
 from stadera.trunk.samples import Samples
 from stadera.trunk.settings import ModelErrors, SwingDetection
+from stadera.trunk.window import window_of
 from walking import Motion, Walk, walked
 
 RATE = 1000.0
@@ -64,14 +65,12 @@ def samples(m: Motion, **changed: np.ndarray) -> Samples:
 def rows_of(data: Samples, known: Robot, normal: np.ndarray, block: int = BLOCK) -> list[BlockRows]:
     """Rows of all complete windows, the ground's normal given."""
     maker, trunk = RowMaker(known, ImuMount.of(known), SwingDetection()), robot().inertias[robot().trunk]
-    made = []
-    for k in range(0, len(data) - block - 2, block):
-        part = data[k : k + block + 2]
-        squares = third_differences_squared(part.table[:, 1:]) if block > 1 else None
-        rows = maker.block(part, normal[k + block // 2], trunk, squares).rows
-        if rows is not None:
-            made.append(rows)
-    return made[2:]
+    sizes = (block,) * len(range(0, len(data) - block - 2, block))
+    window, data = window_of(sizes), data[: block * len(sizes) + 2]
+    squares = mean_third_differences_squared(data.table[:, 1:], window) if block > 1 else None
+    at = normal[window.edges[:-1] + block // 2][window.block]
+    made = maker.blocks(data, sizes, maker.motion(data)._replace(normal=at), trunk, squares)[0]
+    return [rows for rows in made if rows is not None][2:]
 
 
 def dynamics_with(**more: np.ndarray) -> Robot:

@@ -29,7 +29,7 @@ from stadera.trunk import (
     TrunkSettings,
     measurements_of,
 )
-from stadera.trunk.rows import RowMaker
+from stadera.trunk.rows import BlockRows, RowMaker
 from stadera.trunk.settings import ChangeSettings
 from walking import Motion, Walk, recorded, walked
 
@@ -308,14 +308,16 @@ def test_after_forgetting_rows_are_those_of_a_maker_that_saw_nothing_before() ->
     """Gravity is elsewhere in a trunk that was turned where nobody saw it."""
     level, tilted = (samples(motion(replace(STILL, slope=slope)), STANDARD, 1) for slope in (0.0, 0.2))
     known, new = (RowMaker(robot(), ImuMount.of(robot()), SwingDetection()) for _ in range(2))
-    for k in range(0, 500, 10):
-        known.block(level[k : k + 12], np.array([0.0, 0.0, 1.0]), trunk())
+
+    def made(maker: RowMaker, log: Samples, blocks: int) -> list[BlockRows | None]:
+        log = log[: 10 * blocks + 2]
+        up = np.tile([0.0, 0.0, 1.0], (10 * blocks, 1))
+        return maker.blocks(log, (10,) * blocks, maker.motion(log)._replace(normal=up), trunk())[0]
+
+    made(known, level, 50)
     known.forget()
     new.noise = deepcopy(known.noise)
-    for k in range(0, 100, 10):
-        one, other = (
-            maker.block(tilted[k : k + 12], np.array([0.0, 0.0, 1.0]), trunk()).rows for maker in (known, new)
-        )
+    for k, (one, other) in enumerate(zip(made(known, tilted, 10), made(new, tilted, 10), strict=True)):
         assert (one is None) == (other is None) == (k == 0)
         if one is not None and other is not None:
             np.testing.assert_array_equal(one.matrix, other.matrix)

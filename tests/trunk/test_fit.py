@@ -13,13 +13,14 @@ from stadera.robot.imu import ImuMount
 from stadera.trunk.error_model import ErrorModel
 from stadera.trunk.fit import Fit
 from stadera.trunk.joint_errors import Errors
-from stadera.trunk.noise import third_differences_squared
+from stadera.trunk.noise import mean_third_differences_squared
 from stadera.trunk.rows import RowMaker
 from stadera.trunk.samples import Samples
 from stadera.trunk.segment import RowSums, Segment, WeightedRows, robot_weight, unit_of_rows, weighted
 from stadera.trunk.settings import ModelErrors, SwingDetection, TrunkSettings
 from stadera.trunk.sizes import Sizes
 from stadera.trunk.swing import SwingJoints
+from stadera.trunk.window import window_of
 from walking import Walk, walked
 
 RATE, BLOCK = 500.0, 10
@@ -35,14 +36,13 @@ def rows(walk: Walk) -> tuple[tuple[WeightedRows, ...], ErrorModel, float]:
     maker, motion = RowMaker(ROBOT, ImuMount.of(ROBOT), SwingDetection()), walked(ROBOT, walk)
     specific = motion.specific_force  # the lever's part is small and the same in all draws
     s = Samples(motion.time, motion.position, motion.velocity, motion.effort, motion.angular_velocity, specific)
-    made, trunk = [], ROBOT.inertias[ROBOT.trunk]
-    for k in range(0, len(s) - BLOCK - 2, BLOCK):
-        part = s[k : k + BLOCK + 2]
-        squares = third_differences_squared(part.table[:, 1:])
-        block = maker.block(part, motion.normal[k + BLOCK // 2], trunk, squares).rows
-        if block is not None:
-            made.append(weighted(block, unit_of_rows(robot_weight(ROBOT), ROBOT.leg_length)))
-    length = ROBOT.leg_length
+    trunk, sizes, length = ROBOT.inertias[ROBOT.trunk], (BLOCK,) * ((len(s) - 3) // BLOCK), ROBOT.leg_length
+    window, s = window_of(sizes), s[: BLOCK * len(sizes) + 2]
+    squares = mean_third_differences_squared(s.table[:, 1:], window)
+    at = motion.normal[window.edges[:-1] + BLOCK // 2][window.block]
+    blocks = maker.blocks(s, sizes, maker.motion(s)._replace(normal=at), trunk, squares)[0]
+    unit = unit_of_rows(robot_weight(ROBOT), length)
+    made = [weighted(block, unit) for block in blocks if block is not None]
     return tuple(made), ErrorModel(ROBOT, ModelErrors(), length), length
 
 

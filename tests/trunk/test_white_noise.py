@@ -5,15 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from stadera.trunk.noise import WhiteNoise, third_differences_squared
-from stadera.trunk.rows import half_differences, half_window
+from stadera.trunk.noise import Variances, WhiteNoise, mean_third_differences_squared
 from stadera.trunk.samples import Samples
+from stadera.trunk.window import half_differences, half_window, window_of
 
 TORQUE, VELOCITY, GYRO, ACCELEROMETER = 0.4, 0.03, 0.004, 0.1
 BLOCK, SECONDS = 0.02, 16.0
 
 
-def learnt(rate: float, touchdowns: bool = False) -> WhiteNoise:
+def learnt(rate: float, touchdowns: bool = False) -> Variances:
     """Fed with noise on a slow motion, one sample more before and after each block, as the estimator feeds it."""
     rng, found = np.random.default_rng(0), WhiteNoise(np.full(12, 1.0), 0.02, 0.005, 0.05)
     n = round(rate * BLOCK)
@@ -27,8 +27,9 @@ def learnt(rate: float, touchdowns: bool = False) -> WhiteNoise:
     log = Samples(time, np.zeros((len(time), 12)), velocity, torque, gyro, force)
     channels = np.hstack([log.effort, log.velocity, log.angular_velocity, log.specific_force])
     for k in range(1, len(time) - n, n):
-        found.learn(third_differences_squared(channels[k - 1 : k + n + 1]), n + 2)
-    return found
+        square = mean_third_differences_squared(channels[k - 1 : k + n + 1], window_of((n,)))
+        variances = found.learnt(square, (n,), np.array([True]))
+    return Variances(*(np.sqrt(variance[0]) for variance in variances))
 
 
 @pytest.mark.parametrize("rate", [200.0, 500.0, 1000.0])

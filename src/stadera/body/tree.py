@@ -218,19 +218,19 @@ class Body:
         return np.asarray(np.add.reduceat(felt, self.starts, axis=1))
 
     def by_contact(self, to_wrench: Array, axis: Array, force: Array) -> Array:
-        """Derivatives (L, 6, 3) of the wrench of each leg's contact by its point of application.
+        """Derivatives (..., L, 6, 3) of the wrench of each leg's contact by its point of application.
 
         Moving the point of a force f by δ changes joint torque k by s_k · (δ x f) = (f x s_k) · δ and the moment on the
         trunk by δ x f. A contact that transmits moments has no such point.
 
         Args:
-            to_wrench, axis: (J, 6) and (J, 3), E and s of the legs' joints at one sample. force: (L, 3) [N].
+            to_wrench, axis: (..., J, 6) and (..., J, 3), E and s of the legs' joints. force: (..., L, 3) [N].
         """
         f = skews(force)  # f x s_k and f x δ
-        felt = to_wrench[:, :, None] * (f[self.leg_of[self.in_legs]] @ axis[:, :, None])[:, None, :, 0]
-        out = -np.add.reduceat(felt, self.starts, axis=0)
-        out[:, 3:] -= f
-        out[self.sizes == 6] = 0.0
+        across = f[..., self.leg_of[self.in_legs], :, :] @ axis[..., None]
+        out = -np.add.reduceat(to_wrench[..., None] * across[..., None, :, 0], self.starts, axis=-3)
+        out[..., 3:, :] -= f
+        out[..., self.sizes == 6, :, :] = 0.0
         return np.asarray(out)
 
     def at(

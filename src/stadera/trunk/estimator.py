@@ -157,8 +157,11 @@ class TrunkEstimator:
     def add_table(self, table: Array) -> None:
         """The same, of samples given by their `Samples.table`."""
         self._print = crc32(table.tobytes(), self._print)
+        updated = self.settings.updated
         for made in self._front.take(table):
             self._learn(made)
+            blocks = self._history.blocks
+            self._front.ahead = 1 if blocks < updated else min(self._fit.due - blocks, updated - blocks % updated)
 
     def tare(self) -> None:
         """Makes the present estimate of the trunk the reference for `payload`.
@@ -414,7 +417,7 @@ class TrunkEstimator:
         if made.rows is None:
             return
         history, fit, now = self._history, self._fit, made.rows.time
-        fit.add_swing(made.rows.swing, self._front)
+        fit.add_swing(made.rows.swing)
         if made.struck:
             return
         rows = history.add(made.rows, fit.errors.mean)

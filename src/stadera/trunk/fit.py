@@ -174,10 +174,10 @@ class ModelFit:
         self.swing_misfit: float | None = None
         self.due, self._trust = 0, None  # type: int, Trust | None
 
-    def add_swing(self, swing: SwingRows, front: Front) -> None:
+    def add_swing(self, swing: SwingRows) -> None:
         """Adds a block's rows of legs in the air."""
         if swing.air.any():
-            self.swing.add(swing.air, swing.terms, swing.rate, swing.residual, front.torque_noise)
+            self.swing.add(swing.air, swing.terms, swing.rate, swing.residual, np.sqrt(swing.white))
 
     def update(self, history: History, front: Front) -> None:
         """Updates p̂, Σ and the fit if it is time to."""

@@ -9,17 +9,19 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from stadera.body import Motion
 from stadera.errors import RecordingError, UnknownNameError
 from stadera.robot.imu import ImuMount
 from stadera.robot.limbs import Place
 from stadera.robot.model import Robot
 from stadera.trunk.error_model import ErrorLayout
-from stadera.trunk.ground import GroundNormal
+from stadera.trunk.ground import GroundNormal, turned
 from stadera.trunk.measurement import Measurement
 from stadera.trunk.rows import BlockRows, RowMaker
 from stadera.trunk.samples import SampleBuffer, Samples
 from stadera.trunk.settings import TrunkSettings
 from stadera.trunk.spikes import SpikeFilter
+from stadera.trunk.window import Window, window_of
 from stadera.types import Array
 
 
@@ -52,6 +54,7 @@ class Front:
         gaps: the last hundred gaps between samples: end time and duration of each [s].
         seen, impacts: time of the rows that were used, and of those left out for impacts [s].
         shape: parameters of the trunk at which errors of the IMU are linearised.
+        ahead: most blocks that may be computed before these parameters and `know_joints` change.
 
     Raises:
         UnknownNameError: a joint of the robot is not among the given ones.
@@ -84,11 +87,7 @@ class Front:
         self._ground, self._spikes = GroundNormal(self._maker.weight), SpikeFilter()
         self.gaps: deque[tuple[float, float]] = deque(maxlen=100)
         self.seen = self.impacts = 0.0
-
-    @property
-    def torque_noise(self) -> Array:
-        """Standard deviation of the torques' white noise, (joints,) [N·m]."""
-        return self._maker.noise.torque
+        self.ahead = 1
 
     @property
     def spikes(self) -> int:
@@ -142,7 +141,7 @@ class Front:
         return self._buffer.gather(measurement)
 
     def take(self, table: Array) -> Iterator[Made]:
-        """The blocks that these samples complete, see `Samples.table`, one by one."""
+        """The blocks that these samples complete, see `Samples.table`, one by one; `ahead` at a time are computed."""
         for stretch in self._buffer.take(table):
             if stretch.reason:
                 yield Made(refusal=stretch.reason)
@@ -151,48 +150,73 @@ class Front:
                 self.gaps.append((stretch.begin, stretch.gap))
                 if stretch.gap > self._settings.lost_ground:
                     self._forget()
-            for block in stretch.blocks:
-                yield self.block(block)
+            edges, begin = stretch.edges, 0
+            while begin < len(edges) - 1:
+                some = edges[begin : begin + self.ahead + 1]
+                made = self.blocks(stretch.table[some[0] : some[-1] + 2], tuple(np.diff(some).tolist()))
+                yield from map(self._counted, made)
+                begin += len(made)
 
-    def block(self, table: Array) -> Made:
-        """Processes one block, (n + 2, ...), with one sample more before and after it."""
-        samples = self._spikes.clean(Samples.of_table(table, len(self._robot.tree.joints)))
-        inside = slice(1, -1)
-        duration = float(samples.time[-1] - samples.time[1])
-        force, omega = samples.specific_force[inside], samples.angular_velocity[inside]
-        if not force.any(axis=1).all():
-            self._maker.restart()
-            return Made(refusal="the accelerometer reads zero")
-        normal = self._ground.ahead(force.mean(axis=0), omega.mean(axis=0), duration)
-        made = self._maker.block(samples, normal, self.shape, self._spikes.squares)
-        if made.singular is not None:
-            leg = self._robot.legs[made.singular].name
-            return Made(refusal=f"leg {leg} is so stretched that its foot's force is not felt")
-        self._ground.learn(made.feet, made.force, duration)
-        if made.rows is None:
-            return Made()
-        if stop := self._at_a_stop(table):
-            return Made(refusal=stop)
-        return self._counted(made.rows)
+    def blocks(self, table: Array, sizes: tuple[int, ...]) -> list[Made]:
+        """Processes successive blocks, at least one, of so many samples, with one sample more before and after them."""
+        samples, squares = self._spikes.clean(Samples.of_table(table, len(self._robot.tree.joints)), sizes)
+        sizes = sizes[: len(sizes) if squares is None else len(squares)]
+        window, inside, legs = window_of(sizes), samples[1:-1], self._robot.legs
+        first, last = window.edges[:-1], window.edges[1:] - 1
+        used = np.logical_and.reduceat(inside.specific_force.any(axis=1), first)
+        duration = samples.time[last + 2] - samples.time[first + 1]
+        mean = window.sums(window.mean, np.hstack([inside.specific_force, inside.angular_velocity]))[:, 0]
+        along = mean[:, :3] / np.maximum(np.linalg.norm(mean[:, :3], axis=1, keepdims=True), 1e-300)
+        turn, motion = turned(mean[:, 3:], duration), self._maker.motion(samples)
+        up = self._ground.follow(along, turn, duration, used)
+        at_end = Motion._make((*(values[last] for values in motion[:6]), up))
+        feet = self._maker.feet(at_end, inside.effort[last])
+        normal = self._ground.normals(up, turn, duration, used, *feet)
+        normal += np.cross(0.5 * duration[:, None] * mean[:, 3:], normal)  # from the block's end to its middle
+        motion = motion._replace(normal=normal[window.block])
+        rows, singular = self._maker.blocks(samples, sizes, motion, self.shape, squares, used)
+        made = []
+        for own, leg, there, stop in zip(rows, singular, used, self._stopped(table, window), strict=True):
+            if not there:
+                made.append(Made(refusal="the accelerometer reads zero"))
+            elif leg is not None:
+                made.append(Made(refusal=f"leg {legs[leg].name} is so stretched that its foot's force is not felt"))
+            else:
+                made.append(Made() if own is None else Made(refusal=stop) if stop else Made(own, "", self._struck(own)))
+        return made
+
+    def _struck(self, rows: BlockRows) -> bool:
+        """Whether a block is left out for its impacts."""
+        unresolved = np.abs(rows.columns[:3, 11 + self._sampling.start]).max()
+        return bool(unresolved > self._settings.impact * self._maker.weight)
 
     def _forget(self) -> None:
         """Discards the ground's normal and the history of the motion."""
         self._maker.forget()
         self._ground = GroundNormal(self._maker.weight)
 
-    def _at_a_stop(self, table: Array) -> str:
-        """Refuses a block in which a joint is at its mechanical stop, whose torque no sensor shows."""
-        away = np.abs(table[:, 1 : 1 + len(self._stops), None] - self._stops).min(axis=(0, 2))
-        at = int(np.argmin(away))
-        if away[at] >= self._settings.stop:
-            return ""
-        return f"joint {self._robot.tree.joints[at]!r} is at its mechanical stop, which carries a torque unseen"
+    def _stopped(self, table: Array, window: Window) -> list[str]:
+        """For each block, the refusal of one in which a joint is at its mechanical stop, whose torque no sensor shows;
+        else empty.
+        """
+        near = np.abs(table[: window.edges[-1] + 2, 1 : 1 + len(self._stops), None] - self._stops).min(axis=2)
+        if near.min() >= self._settings.stop:
+            return [""] * (len(window.edges) - 1)
+        inside = np.minimum.reduceat(near[1:-1], window.edges[:-1], axis=0)
+        away = np.minimum(inside, np.minimum(near[window.edges[:-1]], near[window.edges[1:] + 1]))
+        names = [self._robot.tree.joints[at] for at in away.argmin(axis=1)]
+        return [
+            f"joint {name!r} is at its mechanical stop, which carries a torque unseen" if least else ""
+            for name, least in zip(names, away.min(axis=1) < self._settings.stop, strict=True)
+        ]
 
-    def _counted(self, rows: BlockRows) -> Made:
-        """Leaves out a block for its impacts; if most of the time is, that is a reason to refuse."""
-        if np.abs(rows.columns[:3, 11 + self._sampling.start]).max() <= self._settings.impact * self._maker.weight:
-            self.seen += rows.elapsed
-            return Made(rows)
-        self.impacts += rows.elapsed
-        unresolved = "the log's rate does not resolve the impacts that its accelerometer shows"
-        return Made(rows, unresolved if self.impacts > self.seen else "", struck=True)
+    def _counted(self, made: Made) -> Made:
+        """Counts a block's time; if most of it is left out for impacts, that is a reason to refuse."""
+        if made.rows is not None and made.struck:
+            self.impacts += made.rows.elapsed
+            if self.impacts > self.seen:
+                unresolved = "the log's rate does not resolve the impacts that its accelerometer shows"
+                return made._replace(refusal=unresolved)
+        elif made.rows is not None:
+            self.seen += made.rows.elapsed
+        return made

@@ -11,12 +11,12 @@ start or on one diagonal, are set by the vertical: the specific force averaged o
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import atan2, exp, sqrt
+from math import atan2, sqrt
 
 import numpy as np
 
 from stadera.compiled import compiled
-from stadera.inertia import skew
+from stadera.inertia import skews
 from stadera.types import Array, Bools
 
 
@@ -52,38 +52,51 @@ class GroundNormal:
         self._lines = np.zeros((3, 3))
         self.up: Array | None = None
 
-    def ahead(self, specific_force: Array, angular_velocity: Array, duration: float) -> Array:
-        """Predicts the normal (3,) in the middle of the next block from its duration [s] and mean IMU values (3,)."""
-        along = specific_force / np.linalg.norm(specific_force)
-        if self.up is None:
-            self.up = along
-        else:
-            turn = turned(angular_velocity, duration)
-            self.up = turn @ self.up
-            keep = exp(-duration / self._settings.memory)
-            self.up += (1.0 - keep) * (along - self.up)
-            self.up /= np.linalg.norm(self.up)
-            self._lines = keep * (turn @ self._lines @ turn.T)
-        level = np.eye(3) - np.outer(self.up, self.up)
-        normal = np.linalg.eigh(self._lines + self._settings.level * level)[1][:, 0]
-        if normal @ self.up < 0.0:
-            normal = -normal
-        back = 0.5 * duration * angular_velocity  # from the block's end to its middle
-        return np.asarray(normal + skew(back) @ normal)
+    def follow(self, along: Array, turn: Array, duration: Array, used: Bools) -> Array:
+        """The vertical at the end of each of B successive blocks, (B, 3).
 
-    def learn(self, feet: Array, force: Array, duration: float) -> None:
-        """Updates the normal from the feet (legs, 3) [m] at a block's end and the forces on them (legs, 3) [N]."""
-        assert self.up is not None
-        carrying = feet[force @ self.up > self._least]
-        lines = (carrying[:, None] - carrying).reshape(-1, 3)  # each twice, and of each foot to itself
-        square = (lines * lines).sum(axis=1)
-        weight = np.divide(0.5, square, out=np.zeros_like(square), where=square > 0.0)
-        self._lines += (duration / self._settings.memory) * (lines.T * weight @ lines)
+        Args:
+            along: (B, 3), directions of the mean specific force. turn: (B, 3, 3), of the trunk, see `turned`.
+            duration: (B,) [s]. used: (B,), blocks that count.
+        """
+        keep, out = np.exp(-duration / self._settings.memory), np.array(along)
+        for b in np.flatnonzero(used):
+            if self.up is None:
+                self.up = along[b]
+            else:
+                up = turn[b] @ self.up
+                up += (1.0 - keep[b]) * (along[b] - up)
+                self.up = up / sqrt(up @ up)
+            out[b] = self.up
+        return out
+
+    def normals(self, up: Array, turn: Array, duration: Array, used: Bools, feet: Array, force: Array) -> Array:
+        """The normal at the end of each of the blocks, (B, 3), predicted from those before it.
+
+        Args:
+            up, turn, duration, used: of `follow`. feet, force: (B, legs, 3) [m, N], at each block's end.
+        """
+        settings = self._settings
+        carrying = (force @ up[:, :, None])[:, :, 0] > self._least
+        lines = (feet[:, :, None] - feet[:, None]).reshape(len(up), -1, 3)  # each twice, and of each foot to itself
+        square = (lines * lines).sum(axis=2)
+        both = (carrying[:, :, None] & carrying[:, None]).reshape(square.shape) & (square > 0.0)
+        weight = np.divide(0.5, square, out=np.zeros_like(square), where=both) * (duration / settings.memory)[:, None]
+        more = (lines * weight[:, :, None]).swapaxes(1, 2) @ lines
+        keep, known = np.exp(-duration / settings.memory), np.zeros((len(up), 3, 3))
+        for b in np.flatnonzero(used):
+            known[b] = keep[b] * (turn[b] @ self._lines @ turn[b].T)
+            self._lines = known[b] + more[b]
+        level = np.eye(3) - up[:, :, None] * up[:, None]
+        normal = np.linalg.eigh(known + settings.level * level)[1][:, :, 0]
+        return np.asarray(normal * np.where((normal * up).sum(axis=1) < 0.0, -1.0, 1.0)[:, None])
 
 
-def turned(angular_velocity: Array, duration: float) -> Array:
-    """Rotation that takes trunk components of a world-fixed vector to those `duration` [s] later."""
-    turn = skew(-duration * angular_velocity)
+def turned(angular_velocity: Array, duration: Array) -> Array:
+    """Rotations (B, 3, 3) that take trunk components of a world-fixed vector to those `duration` (B,) [s] later, at
+    angular velocities (B, 3).
+    """
+    turn = skews(-duration[:, None] * angular_velocity)
     return np.asarray(np.eye(3) + turn + 0.5 * turn @ turn)
 
 

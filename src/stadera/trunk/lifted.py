@@ -39,25 +39,27 @@ class Lifted:
         self._limits = np.array(limits)
         self.known, self.known_std = np.zeros((2, 3, len(body.in_legs)))
 
-    def legs(self, state: State, motion: Motion, force: Array, sure: Array, step: float) -> Bools:
-        """Legs in the air throughout a block, (legs,).
+    def legs(self, state: State, motion: Motion, force: Array, sure: Array, step: Array, edges: Ints) -> Bools:
+        """Legs in the air throughout each of B blocks, (B, legs).
 
         Args:
             force: (n, legs, 3) [N], of the model as it is. sure: (n, joints), smoothed sign of the velocities.
-            step: between samples [s].
+            step: (B,), between samples [s]. edges: (B + 1,), of the blocks.
         """
-        n, J, motions = len(force), self._joints, (motion.acceleration, motion.velocity)
-        moved = np.stack([*(x[:, J] for x in motions), sure], axis=1)
-        parts, air = min(max(round(n * step / self._part), 1), n), np.empty(force.shape[1], dtype=bool)
+        J, n = self._joints, np.diff(edges)
+        moved = np.stack([motion.acceleration[:, J], motion.velocity[:, J], sure], axis=1)
+        parts = np.minimum(np.maximum(np.rint(n * step / self._part), 1), n).astype(np.int64)
+        air = np.empty((len(n), force.shape[1]), dtype=bool)
         known = np.ascontiguousarray(self.known), np.ascontiguousarray(self.known_std)
         places = state.feet, state.pace, motion.normal
-        _lifted(J, self._legs, state.to_wrench, force, moved, *known, *places, parts, self._limits, air)
+        _lifted(J, self._legs, state.to_wrench, force, moved, *known, *places, edges, parts, self._limits, air)
         return air
 
 
 @compiled(
     "void(int64[::1], int64[::1], float64[:,:,::1], float64[:,:,::1], float64[:,:,::1], float64[:,::1], "
-    "float64[:,::1], float64[:,:,::1], float64[:,:,::1], float64[::1], int64, float64[::1], boolean[::1])"
+    "float64[:,::1], float64[:,:,::1], float64[:,:,::1], float64[:,::1], int64[::1], int64[::1], float64[::1], "
+    "boolean[:,::1])"
 )
 def _lifted(
     joints: Ints,
@@ -70,60 +72,63 @@ def _lifted(
     feet: Array,
     pace: Array,
     normal: Array,
-    parts: int,
+    edges: Ints,
+    parts: Ints,
     limits: Array,
     air: Bools,
 ) -> None:
-    """Legs in the air throughout a block of n samples, see the module.
+    """Legs in the air throughout each of B blocks of n samples in all, see the module.
 
     Args:
         joints, legs: (J,), of the joints in the legs, their place among all and their leg. E: of a `State`.
         force, feet, pace: (n, legs, 3).
         moved: (n, 3, J), q̈, q̇ and s of the joints. known, known_std: (3, J).
-        normal: (3,), of the ground. parts: number of averages over the block.
+        normal: (n, 3), of the ground. edges: (B + 1,), of the blocks. parts: (B,), numbers of averages over each.
         limits: height of a lifted foot [m]; squared speed of one that moves [m²/s²]; squared force of a light one, the
             robot's weight squared [N²]; load of the others [N].
-        air: (legs,), written.
+        air: (B, legs), written.
     """
-    n, count = len(force), force.shape[1]
-    for leg in range(count):
-        air[leg] = True
-    for p in range(parts):
-        begin, end = p * n // parts, (p + 1) * n // parts
-        felt, speed = np.zeros((count, 3)), np.zeros((count, 3))
-        height, unsure, along = np.zeros(count), np.zeros(count), np.zeros(count)
-        for k in range(begin, end):
-            for j in range(len(joints)):
-                torque = variance = square = 0.0
-                for t in range(3):
-                    torque += known[t, j] * moved[k, t, j]
-                    variance += (known_std[t, j] * moved[k, t, j]) ** 2
-                for c in range(3):
-                    felt[legs[j], c] += E[k, joints[j], c] * torque / (end - begin)
-                    square += E[k, joints[j], c] ** 2
-                unsure[legs[j]] += square * variance / (end - begin)
+    count = force.shape[1]
+    for b in range(len(parts)):
+        first, n = edges[b], edges[b + 1] - edges[b]
+        for leg in range(count):
+            air[b, leg] = True
+        for p in range(parts[b]):
+            begin, end = first + p * n // parts[b], first + (p + 1) * n // parts[b]
+            felt, speed = np.zeros((count, 3)), np.zeros((count, 3))
+            height, unsure, along = np.zeros(count), np.zeros(count), np.zeros(count)
+            for k in range(begin, end):
+                for j in range(len(joints)):
+                    torque = variance = square = 0.0
+                    for t in range(3):
+                        torque += known[t, j] * moved[k, t, j]
+                        variance += (known_std[t, j] * moved[k, t, j]) ** 2
+                    for c in range(3):
+                        felt[legs[j], c] += E[k, joints[j], c] * torque / (end - begin)
+                        square += E[k, joints[j], c] ** 2
+                    unsure[legs[j]] += square * variance / (end - begin)
+                for leg in range(count):
+                    for c in range(3):
+                        felt[leg, c] += force[k, leg, c] / (end - begin)
+                        speed[leg, c] += pace[k, leg, c] / (end - begin)
+                        height[leg] += feet[k, leg, c] * normal[k, c] / (end - begin)
             for leg in range(count):
                 for c in range(3):
-                    felt[leg, c] += force[k, leg, c] / (end - begin)
-                    speed[leg, c] += pace[k, leg, c] / (end - begin)
-                    height[leg] += feet[k, leg, c] * normal[c] / (end - begin)
-        for leg in range(count):
-            for c in range(3):
-                along[leg] += felt[leg, c] * normal[c]
-        for leg in range(count):
-            carried = pressed = level = x = y = z = 0.0
-            for other in range(count):
-                if other != leg:
-                    press = max(along[other], 0.0)
-                    carried += along[other]
-                    pressed += press
-                    level += press * height[other]
-                    x, y, z = x + press * speed[other, 0], y + press * speed[other, 1], z + press * speed[other, 2]
-            pressed = max(pressed, 1e-9)
-            raised, square = height[leg] - level / pressed, 0.0
-            x, y, z = speed[leg, 0] - x / pressed, speed[leg, 1] - y / pressed, speed[leg, 2] - z / pressed
-            fast = x * x + y * y + z * z
-            for c in range(3):
-                square += felt[leg, c] ** 2
-            light = square < min(limits[2] + unsure[leg], limits[3])
-            air[leg] &= (raised > limits[0] or fast > limits[1]) and light and carried > limits[4]
+                    along[leg] += felt[leg, c] * normal[first, c]
+            for leg in range(count):
+                carried = pressed = level = x = y = z = 0.0
+                for other in range(count):
+                    if other != leg:
+                        press = max(along[other], 0.0)
+                        carried += along[other]
+                        pressed += press
+                        level += press * height[other]
+                        x, y, z = x + press * speed[other, 0], y + press * speed[other, 1], z + press * speed[other, 2]
+                pressed = max(pressed, 1e-9)
+                raised, square = height[leg] - level / pressed, 0.0
+                x, y, z = speed[leg, 0] - x / pressed, speed[leg, 1] - y / pressed, speed[leg, 2] - z / pressed
+                fast = x * x + y * y + z * z
+                for c in range(3):
+                    square += felt[leg, c] ** 2
+                light = square < min(limits[2] + unsure[leg], limits[3])
+                air[b, leg] &= (raised > limits[0] or fast > limits[1]) and light and carried > limits[4]

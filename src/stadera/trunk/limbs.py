@@ -13,7 +13,7 @@ So a hand that holds still tells by its arm's torques what it holds, and one tha
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,24 +24,13 @@ from stadera.inertia import parameter_map
 from stadera.robot.limbs import Limbs, Place
 from stadera.robot.model import Robot
 from stadera.trunk.error_model import ErrorLayout
+from stadera.trunk.window import Window
 from stadera.types import Array
 
 TERMS = ("limb_rotor", "limb_viscous", "limb_coulomb", "limb_offset", "limb_gain", "limb_stiction")
 """Errors of a limb's joints, in the order of the sums."""
 
-
-@dataclass(frozen=True, eq=False)
-class LimbSums:
-    """Weighted sums over the samples of a block, in both halves of a window, of l joints and of links.
-
-    Attributes:
-        terms: (2, l, 6), of q̈, q̇, s, 1, τ and √(1 - s²). left: (2, l), of τ - h.
-        columns: (2, l, links, 10), of r_jᵀ X_k; zero unless joint j carries link k.
-    """
-
-    terms: Array
-    left: Array
-    columns: Array
+LIMB_SUMS = ("limb_terms", "limb_left", "limb_columns")
 
 
 class LimbRows:
@@ -70,14 +59,16 @@ class LimbRows:
         poses = robot.extra.poses(robot.extra.reference) if robot.extra is not None else []
         self._at_reference = np.array([parameter_map(*poses[k - n]) for k in self.joints])
 
-    def sums(self, weights: Array, motion: Motion, state: State, effort: Array, fitted: Array) -> LimbSums:
-        """Of a block of n samples.
+    def sums(self, window: Window, motion: Motion, state: State, effort: Array) -> dict[str, Array]:
+        """Weighted sums over B blocks, in both halves of a window, by name:
+
+        limb_terms: (B, 2, l, 6), of q̈, q̇, s, 1, τ and √(1 - s²). limb_left: (B, 2, l), of τ - h.
+        limb_columns: (B, 2, l, links, 10), of r_jᵀ X_k; zero unless joint j carries link k.
 
         Args:
-            weights: (2, n). effort: (n, l), of the limbs' joints; zero throughout where it is not known.
-            fitted: (n, l), velocities of which the direction of sliding is taken.
+            effort: (n, l), of the limbs' joints; zero throughout a block where it is not known.
         """
-        J, n, s = self.joints, len(effort), direction(fitted)
+        J, n, s = self.joints, len(effort), direction(window.line(motion.velocity[:, self.joints]))
         q, v = motion.acceleration[:, J], motion.velocity[:, J]
         terms = np.stack([q, v, s, np.ones_like(s), effort, np.sqrt(np.maximum(1.0 - s * s, 0.0))], axis=-1)
         origin, axis = state.origin[:, J], state.axis[:, J]
@@ -85,30 +76,28 @@ class LimbRows:
         sliding = np.concatenate([axis, np.zeros_like(axis)], axis=2)
         r = np.where(self._sliding, sliding, turning)
         X = -state.columns[:, self._links]  # (n, links, 6, 10)
-        columns = np.matmul(r, X.transpose(0, 2, 1, 3).reshape(n, 6, 10 * len(self._links)))
-        known = np.any(effort != 0.0, axis=0).astype(float)
-        summed = (weights @ columns.reshape(n, 10 * len(J) * len(self._links))).reshape(2, len(J), len(self._links), 10)
-        return LimbSums(
-            np.einsum("hn,njt->hjt", weights, terms) * known[:, None],
-            weights @ (effort - state.torque[:, J]) * known,
-            summed * self._carries[:, :, None] * known[:, None, None],
-        )
+        columns = np.matmul(r, X.transpose(0, 2, 1, 3).reshape(n, 6, -1)).reshape(n, len(J), len(self._links), 10)
+        known = np.logical_or.reduceat(effort != 0.0, window.edges[:-1], axis=0)[:, None].astype(float)
+        return {
+            "limb_terms": window.sums(window.halves, terms) * known[..., None],
+            "limb_left": window.sums(window.halves, effort - state.torque[:, J]) * known,
+            "limb_columns": window.sums(window.halves, columns) * self._carries[:, :, None] * known[..., None, None],
+        }
 
-    def rows(self, first: LimbSums, second: LimbSums, by_mass_and_centre: Array) -> Array:
-        """Columns (l, 10 + 1 + errors + loads) of A, b, C and of what a load does, over two neighbouring blocks.
+    def rows(self, sums: Mapping[str, Array], by_mass_and_centre: Array) -> Array:
+        """Columns (B, l, 10 + 1 + errors + loads) of A, b, C and of what a load does, of B windows' sums.
 
         Args:
             by_mass_and_centre: (links of the body, 10, 4), derivatives of each link's parameters.
         """
-        layout, count = self._layout, len(self.joints)
-        terms, left = first.terms[0] + second.terms[1], first.left[0] + second.left[1]
-        columns = first.columns[0] + second.columns[1]
-        out = np.zeros((count, 11 + layout.count + 10 * len(self._places)))
-        out[:, 10], C, each = left, out[:, 11 : 11 + layout.count], np.arange(count)
+        layout, count, columns = self._layout, len(self.joints), sums["limb_columns"]
+        out = np.zeros((len(columns), count, 11 + layout.count + 10 * len(self._places)))
+        out[:, :, 10], C, each = sums["limb_left"], out[:, :, 11 : 11 + layout.count], np.arange(count)
         for k, name in enumerate(TERMS):
-            C[each, layout.places[name].start + each] = terms[:, k]
-        self._own(C, np.einsum("jkp,kpd->jkd", columns[:, :count], by_mass_and_centre[self.joints]))
-        out[:, 11 + layout.count :] = columns[:, count:].reshape(count, -1)
+            C[:, each, layout.places[name].start + each] = sums["limb_terms"][..., k]
+        own = by_mass_and_centre[self.joints]
+        self._own(C, (columns[:, :, :count, None] @ own)[..., 0, :])
+        out[:, :, 11 + layout.count :] = columns[:, :, count:].reshape(len(columns), count, -1)
         return out
 
     def add(self, columns: Array, A: Array, by_links: Array, by_mass_and_centre: Array) -> None:
@@ -118,19 +107,19 @@ class LimbRows:
         errors do elsewhere is an error of the rows.
 
         Args:
-            columns: (6, 10 + 1 + errors + loads), of the trunk's rows. A: (6, 10), of the signals as they are.
-            by_links: (links, 6, 10), sums of `State.columns`. by_mass_and_centre: as of `rows`.
+            columns: (B, 6, 10 + 1 + errors + loads), of the trunk's rows. A: (B, 6, 10), of the signals as they are.
+            by_links: (B, links, 6, 10), sums of `State.columns`. by_mass_and_centre: as of `rows`.
         """
         end = 11 + self._layout.count
         if len(self.joints):
-            effect = -(by_links[self.joints] + A @ self._at_reference) @ by_mass_and_centre[self.joints]  # (l, 6, 4)
-            self._own(columns[:, 11:end], effect.transpose(1, 0, 2))
-        columns[:, end:] = -by_links[self._loaded].transpose(1, 0, 2).reshape(6, -1) * self._there
+            effect = -(by_links[:, self.joints] + A[:, None] @ self._at_reference) @ by_mass_and_centre[self.joints]
+            self._own(columns[:, :, 11:end], effect.transpose(0, 2, 1, 3))
+        columns[:, :, end:] = -by_links[:, self._loaded].transpose(0, 2, 1, 3).reshape(len(A), 6, -1) * self._there
 
     def _own(self, C: Array, effect: Array) -> None:
-        """Writes the effect (rows, l, 4) of masses and centres of the limbs' links."""
-        C[:, self._layout.places["limb_mass"]] = effect[:, :, 0]
-        C[:, self._layout.places["limb_com"]] = effect[:, :, 1:].transpose(0, 2, 1).reshape(len(C), -1)
+        """Writes the effect (B, rows, l, 4) of masses and centres of the limbs' links."""
+        C[:, :, self._layout.places["limb_mass"]] = effect[..., 0]
+        C[:, :, self._layout.places["limb_com"]] = effect[..., 1:].swapaxes(2, 3).reshape(*C.shape[:2], -1)
 
 
 def by_mass_and_centre(body: Body) -> Array:

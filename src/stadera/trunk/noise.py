@@ -13,27 +13,39 @@ weights and decides what counts as motion; error bars are scaled by the rows' sc
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import lru_cache
-from math import sqrt
+from typing import NamedTuple
 
 import numpy as np
 from scipy.special import gammaincinv
 
 from stadera.constants import GRAVITY
 from stadera.robot.model import Robot
-from stadera.types import Array
+from stadera.trunk.window import Window
+from stadera.types import Array, Bools
 
 _LEAST, _MOST = 0.05, 20.0  # times the prior
+_STEPS = np.exp([0.03, -0.09])  # of a variance, up and down: stationary if a quarter of the blocks lie below
 _CORRELATED = (9.0 / 16.0, 9.0 / 100.0, 1.0 / 400.0)  # squared correlations of third differences
 
 
-def third_differences_squared(signals: Array) -> Array:
-    """Mean square of third differences over its gain of 20, of each column of (samples, columns); at least four
-    samples.
+def mean_third_differences_squared(signals: Array, window: Window) -> Array:
+    """Mean square of third differences over their gain of 20, (B, channels), in each of B blocks of two and more
+    samples, from signals (samples, channels) with one sample more before and after them.
     """
     steps = signals[1:] - signals[:-1]
     third = steps[2:] - 2.0 * steps[1:-1] + steps[:-2]
-    return np.asarray(np.einsum("nc,nc->c", third, third) / (20.0 * len(third)))
+    return np.asarray(window.sums(window.inside, third * third)[:, 0] / 20.0)
+
+
+class Variances(NamedTuple):
+    """Of white noise in B blocks: of torques and velocities, (B, joints), of gyro and accelerometer, (B,)."""
+
+    torque: Array
+    velocity: Array
+    gyro: Array
+    accelerometer: Array
 
 
 class WhiteNoise:
@@ -50,7 +62,8 @@ class WhiteNoise:
         self._joints = len(torque)
         stds = [torque, np.full(len(torque), velocity), np.full(3, gyro), np.full(3, accelerometer)]
         self.prior_variance = np.concatenate(stds) ** 2
-        self.variance = self.prior_variance.copy()
+        self.variance = self.prior_variance
+        self._least, self._most = _LEAST**2 * self.prior_variance, _MOST**2 * self.prior_variance
 
     @classmethod
     def prior(cls, robot: Robot, joints: int) -> WhiteNoise:
@@ -60,33 +73,28 @@ class WhiteNoise:
         weight = 0.005 * GRAVITY * robot.mass * 0.25
         return cls(np.full(joints, weight), 0.02, 0.005, 0.05)
 
-    def learn(self, squares: Array, samples: int, gain: float = 0.03) -> None:
-        """Updates the estimate from mean squares of third differences (2 joints + 6,) over some samples; `gain` is the
-        step of the variance's logarithm in each block.
-        """
+    def learn(self, squares: Array, samples: int) -> None:
+        """Updates the estimate from mean squares of third differences (2 joints + 6,) over some samples."""
         above = squares > lower_quartile(samples - 3) * self.variance
-        self.variance *= np.exp(gain * np.where(above, 1.0, -3.0))  # stationary if a quarter of the blocks lie below
-        np.clip(self.variance, _LEAST**2 * self.prior_variance, _MOST**2 * self.prior_variance, out=self.variance)
+        self.variance = self.variance * np.where(above, *_STEPS)
+        np.maximum(self.variance, self._least, out=self.variance)
+        np.minimum(self.variance, self._most, out=self.variance)
 
-    @property
-    def torque(self) -> Array:
-        """Standard deviation of the torques, (joints,) [N·m]."""
-        return np.asarray(np.sqrt(self.variance[: self._joints]))
+    def learnt(self, squares: Array | None, sizes: Sequence[int], used: Bools) -> Variances:
+        """The variances after each of some blocks.
 
-    @property
-    def velocity(self) -> Array:
-        """Standard deviation of the joint velocities, (joints,) [rad/s]."""
-        return np.asarray(np.sqrt(self.variance[self._joints : -6]))
-
-    @property
-    def gyro(self) -> float:
-        """Standard deviation of the gyro [rad/s]."""
-        return sqrt(sum(self.variance[-6:-3].tolist()) / 3.0)
-
-    @property
-    def accelerometer(self) -> float:
-        """Standard deviation of the accelerometer [m/s²]."""
-        return sqrt(sum(self.variance[-3:].tolist()) / 3.0)
+        Args:
+            squares: (B, 2 joints + 6), of each block; None if they tell nothing. sizes: of the blocks, without the
+                samples before and after. used: (B,), blocks that count.
+        """
+        found = []
+        for k, size in enumerate(sizes):
+            if squares is not None and used[k]:
+                self.learn(squares[k], size + 2)
+            found.append(self.variance)
+        values, J = np.array(found), self._joints
+        imu = values[:, -6:].reshape(-1, 2, 3).mean(axis=2)
+        return Variances(values[:, :J].copy(), values[:, J:-6].copy(), imu[:, 0], imu[:, 1])
 
 
 @lru_cache(maxsize=64)

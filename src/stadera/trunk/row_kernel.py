@@ -12,12 +12,13 @@ Ints = NDArray[np.int64]
 
 
 @compiled(
-    "void(float64[:,::1], int64[::1], int64[::1], float64[:,:,::1], float64[:,:,::1], float64[:,:,:,::1], "
-    "float64[:,:,::1], float64[:,::1], float64[:,::1], float64[::1], float64[:,::1], float64[:,::1], float64[:,::1], "
-    "float64[:,:,:,::1], float64[:,:,:,::1], float64[:,:,::1])"
+    "void(float64[:,::1], int64[::1], int64[::1], int64[::1], float64[:,:,::1], float64[:,:,::1], "
+    "float64[:,:,:,::1], float64[:,:,::1], float64[:,::1], float64[:,::1], float64[:,::1], float64[:,::1], "
+    "float64[:,:,::1], float64[:,:,::1], float64[:,:,:,:,::1], float64[:,:,:,:,::1], float64[:,:,::1])"
 )
 def window_sums(
     weights: Array,
+    block: Ints,
     joints: Ints,
     legs: Ints,
     E: Array,
@@ -34,18 +35,20 @@ def window_sums(
     by_links: Array,
     force: Array,
 ) -> None:
-    """Weighted sums over a block's n samples, in H halves of a window.
+    """Weighted sums over the n samples of B blocks, in H halves of a window.
 
     Args:
-        weights: (H, n). joints, legs: (J,), of the joints in the legs, their place among all and their leg.
+        weights: (H, n). block: (n,), of each sample.
+        joints, legs: (J,), of the joints in the legs, their place among all and their leg.
         E, inertial, columns: of a `State`. terms: (n, J, T), left, rate: (n, J), h - τ and τ̇.
-        variance: (J,), of the torques' white noise.
+        variance: (B, J), of the torques' white noise.
         target: (n, 6), zero, b of each sample is added. force: (n, legs, 3), zero, those of the contacts are added.
-        by_rate, squared, by_terms, by_links: (H, 6), (H, 6), (H, J, 6, T), (H, K, 6, 10), zero; added are Σ w E τ̇,
-            Σ w² E σ² E, Σ w E by term, and Σ w of `columns` of the first K links.
+        by_rate, squared, by_terms, by_links: (B, H, 6), (B, H, 6), (B, H, J, 6, T), (B, H, K, 6, 10), zero; added are
+            Σ w E τ̇, Σ w² E σ² E, Σ w E by term, and Σ w of `columns` of the first K links.
     """
     n, count, halves = len(left), len(joints), len(weights)
     for k in range(n):
+        b = block[k]
         for c in range(6):
             for body in range(inertial.shape[1]):
                 target[k, c] -= inertial[k, body, c]
@@ -58,12 +61,12 @@ def window_sums(
                     force[k, leg, c] += e * left[k, j]
                 for h in range(halves):
                     weighted = weights[h, k] * e
-                    by_rate[h, c] += weighted * rate[k, j]
-                    squared[h, c] += weighted * weighted * variance[j]
+                    by_rate[b, h, c] += weighted * rate[k, j]
+                    squared[b, h, c] += weighted * weighted * variance[b, j]
                     for t in range(terms.shape[2]):
-                        by_terms[h, j, c, t] += weighted * terms[k, j, t]
+                        by_terms[b, h, j, c, t] += weighted * terms[k, j, t]
         for h in range(halves):
-            for link in range(by_links.shape[1]):
+            for link in range(by_links.shape[2]):
                 for c in range(6):
                     for p in range(10):
-                        by_links[h, link, c, p] += weights[h, k] * columns[k, link, c, p]
+                        by_links[b, h, link, c, p] += weights[h, k] * columns[k, link, c, p]

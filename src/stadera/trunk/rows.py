@@ -26,11 +26,9 @@ G, L, K of the legs are found by feeding each acceleration alone at the block's 
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
-from typing import NamedTuple
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,7 +36,7 @@ from numpy.typing import NDArray
 from stadera.body import Body, Motion, State
 from stadera.body.friction import direction
 from stadera.constants import GRAVITY, SINGULAR
-from stadera.inertia import InertialParameters, skew
+from stadera.inertia import InertialParameters, skew, skews
 from stadera.robot.imu import ImuMount
 from stadera.robot.limbs import Place
 from stadera.robot.model import Robot
@@ -46,11 +44,12 @@ from stadera.trunk.calibration import SignalCalibration
 from stadera.trunk.error_model import ErrorLayout
 from stadera.trunk.ground import turned
 from stadera.trunk.lifted import Lifted
-from stadera.trunk.limbs import LimbRows, LimbSums, by_mass_and_centre
-from stadera.trunk.noise import WhiteNoise
+from stadera.trunk.limbs import LIMB_SUMS, LimbRows, by_mass_and_centre
+from stadera.trunk.noise import Variances, WhiteNoise
 from stadera.trunk.row_kernel import window_sums
 from stadera.trunk.samples import Samples
 from stadera.trunk.settings import SwingDetection
+from stadera.trunk.window import Window, window_of
 from stadera.trunk.wrench import (
     trunk_matrix,
     trunk_signals,
@@ -71,7 +70,13 @@ three samples a block, by 20 % with two, and fully with one (the window's respon
 """
 
 _TERMS = ("rotor", "viscous", "coulomb", "offset", "gain", "stiction")
+_SUMMED = ("plain", "by_rate", "squared", "by_terms", "by_links", "alternating", *LIMB_SUMS)
 _UNIT = np.eye(3)
+_SQUARE = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])  # places of ω ωᵀ among its products
+
+Ints = NDArray[np.int64]
+Sums = dict[str, NDArray[Any]]
+"""Halves of windows of B blocks by name, see `RowMaker._halves`."""
 
 
 class Equations:
@@ -103,12 +108,15 @@ class Equations:
 
 @dataclass(frozen=True, eq=False)
 class SwingRows:
-    """A window's rows in joint space, for legs in the air: see `stadera.trunk.swing.SwingJoints.add`."""
+    """A window's rows in joint space, for legs in the air: see `stadera.trunk.swing.SwingJoints.add`; `white` is the
+    variance.
+    """
 
     air: Bools
     terms: Array
     rate: Array
     residual: Array
+    white: Array
 
     @property
     def sliding(self) -> float:
@@ -135,70 +143,8 @@ class BlockRows(Equations):
     limbs: Array | None = None
 
 
-class BlockResult(NamedTuple):
-    """Result of processing one block.
-
-    Attributes:
-        rows: of the window that the block completes; None for the first block of a stretch.
-        feet, force: (legs, 3) [m, N], at its end, trunk axes.
-        singular: index of a leg so near-singular that its foot's force is not determined.
-    """
-
-    rows: BlockRows | None
-    feet: Array
-    force: Array
-    singular: int | None = None
-
-
-class _Sums:
-    """Weighted sums over a window, by name, of a robot with J joints in its legs and K links:
-
-    plain: of signals (12), target (6), jerk (J + 3), and six numbers of each joint: q̈, q̇, s, 1, τ̇, h - τ.
-    by_rate, squared: (6,), of E τ̇, and, with w² for w, of E σ² Eᵀ of white torque noise.
-    by_terms, by_links: (J, 6, terms) and (K, 6, 10), of E times q̈, q̇, s, 1, τ and √(1 - s²), and of `State.columns`.
-    """
-
-    def __init__(self, layout: ErrorLayout, links: int) -> None:
-        J, K = layout.joints, links
-        self._shapes: dict[str, tuple[int, ...]] = {"plain": (21 + 7 * J,), "by_rate": (6,), "squared": (6,)}
-        self._shapes |= {"by_terms": (J, 6, len(_TERMS)), "by_links": (K, 6, 10)}
-        self._joints = 21 + J + J * np.arange(7)
-
-    def zeros(self, halves: int) -> dict[str, Array]:
-        """Room for sums over some halves of windows."""
-        return {name: np.zeros((halves, *shape)) for name, shape in self._shapes.items()}
-
-    def of(self, first: Mapping[str, Array], second: Mapping[str, Array]) -> dict[str, Array]:
-        """The sums over a window, of the rising half of the first block and the falling half of the second."""
-        sums = {name: first[name][0] + second[name][1] for name in self._shapes}
-        plain, at = sums.pop("plain"), self._joints
-        return sums | {
-            "signals": plain[:12],
-            "target": plain[12:18],
-            "jerk": plain[18 : at[0]],
-            "joint": plain[at[0] :].reshape(6, -1),
-        }
-
-
-@dataclass(frozen=True, eq=False)
-class _Half:
-    """Half a window, from one block: sums weighted by its rising and falling halves, and constants."""
-
-    end: float
-    samples: int
-    sums: Mapping[str, Array]  # (2, ...), see `_Sums`
-    alternating: Array  # (2, 18): signals and target, with signs that alternate from sample to sample
-    probes: Array  # (6, 6 + J), ∂b/∂(a, α, q̈) of the legs
-    middle: Array  # (6, J + contacts), ∂b/∂(q, p_contact)
-    angular_velocity: Array
-    air: Bools
-    limbs: LimbSums | None
-    averaged: float  # Σ w²
-    differentiated: float  # see `half_differences` [1/s²]
-
-
 class RowMaker:
-    """Converts blocks of samples into rows.
+    """Converts blocks of samples into rows, any number of blocks at once.
 
     Args:
         robot: the model.
@@ -222,15 +168,14 @@ class RowMaker:
         self._channels = np.concatenate([2 * n + self._columns, n + self._columns, imu])  # of the noise, among all
         self.weight, self.flat = robot.mass * GRAVITY, SINGULAR * length**3
         self.lifted = Lifted(self.body, swing, self.weight, length)
-        self._half: _Half | None = None
+        self._half: dict[str, Array] | None = None  # of the block before, see `_halves`
         self._sign = 1.0  # of alternating sums: goes on from block to block, also where these have odd numbers
         self._calibration = SignalCalibration()
-        self._speeds: deque[Array] = deque(maxlen=_LATELY)  # squared, over the noise's variance
+        self._speeds = np.zeros((0, self._layout.joints))  # of the latest blocks, squared, over the noise's variance
 
     def _use(self, body: Body) -> None:
         """Takes a body with or without the joints outside the legs."""
-        self.body, self._sums = body, _Sums(self._layout, len(body.joints))
-        self._by_mass = by_mass_and_centre(body)
+        self.body, self._by_mass = body, by_mass_and_centre(body)
         whole = self._places or len(body.joints) > len(self._robot.tree.joints)
         self._limbs = LimbRows(self._robot, body, self._places, self._layout) if whole else None
 
@@ -243,36 +188,13 @@ class RowMaker:
         self.restart()
         self._calibration = SignalCalibration()
 
-    def block(
-        self, samples: Samples, normal: Array, trunk: InertialParameters, squares: Array | None = None
-    ) -> BlockResult:
-        """Processes one block.
-
-        Args:
-            samples: of the block, with one sample more before and after it.
-            normal: (3,), of the ground, trunk axes.
-            trunk: parameters at which errors of the IMU are linearised.
-            squares: `SpikeFilter.squares` of the block.
+    def motion(self, samples: Samples) -> Motion:
+        """Motion at all samples but the first and the last, its normal left open; with joints outside the legs where
+        they are recorded.
         """
-        if samples.extra.shape[1] and len(self.body.joints) == samples.position.shape[1]:
-            self._use(Body.of(self._robot))
-        motion = self._motion(samples, normal)
-        state, n = self.body.at(motion, columns=True), len(samples) - 2
-        flat = np.abs(state.volume) < self.flat
-        if flat.any():
-            self.restart()
-            return BlockResult(None, state.feet[-1], np.zeros_like(state.feet[-1]), int(np.argmax(flat.any(axis=0))))
-        if squares is not None:
-            self.noise.learn(squares[self._channels], len(samples))
-        half, force = self._summed(samples, motion, state)
-        rows = None if self._half is None else self._rows(self._half, half, trunk)
-        self._half = half
-        self._sign *= 1.0 - 2.0 * (n % 2)
-        return BlockResult(rows, state.feet[-1], force)
-
-    def _motion(self, samples: Samples, normal: Array) -> Motion:
-        """Motion of a block, with joints outside the legs where they are recorded."""
         k, q, v = samples.extra.shape[1] // 3, samples.position[1:-1], samples.velocity
+        if k and len(self.body.joints) == samples.position.shape[1]:
+            self._use(Body.of(self._robot))
         if k:
             q, v = np.hstack([q, samples.extra[1:-1, :k]]), np.hstack([v, samples.extra[:, k : 2 * k]])
         span = (samples.time[2:] - samples.time[:-2])[:, None]
@@ -281,27 +203,86 @@ class RowMaker:
         lever = self._lever
         specific = samples.specific_force[1:-1] - alpha @ skew(lever)  # α x r and ω x (ω x r) by rows
         specific += (omega * omega).sum(axis=1, keepdims=True) * lever - (omega @ lever)[:, None] * omega
-        return Motion(q, v[1:-1], (v[2:] - v[:-2]) / span, omega, alpha, specific, normal)
+        return Motion(q, v[1:-1], (v[2:] - v[:-2]) / span, omega, alpha, specific, np.empty(0))
 
-    def _summed(self, samples: Samples, motion: Motion, state: State) -> tuple[_Half, Array]:
-        """The half window of a block, and the feet's forces (legs, 3) at its end."""
-        n, J, own, halves = len(samples) - 2, self._columns, self.body, self._sums.zeros(2)
+    def feet(self, motion: Motion, effort: Array) -> tuple[Array, Array]:
+        """Places of the feet and the forces on them, (N, legs, 3) [m, N], at N samples; no forces if a leg is
+        near-singular.
+        """
+        state = self.body.at(motion)
+        state.to_wrench[(np.abs(state.volume) < self.flat).any(axis=1)] = 0.0
+        return state.feet, self.body.forces(state, self.body.left(state, motion, effort))
+
+    def blocks(
+        self,
+        samples: Samples,
+        sizes: tuple[int, ...],
+        motion: Motion,
+        trunk: InertialParameters,
+        squares: Array | None = None,
+        used: Bools | None = None,
+    ) -> tuple[list[BlockRows | None], list[int | None]]:
+        """Processes B successive blocks.
+
+        Args:
+            samples: of the blocks, with one sample more before and after them. sizes: of the blocks.
+            motion: see `motion`, with the ground's normal.
+            trunk: parameters at which errors of the IMU are linearised.
+            squares: (B, channels), `third_differences_squared` of each block.
+            used: (B,), False for blocks that are left out, as if there were none.
+
+        Returns:
+            By block: rows of the window that it completes, None for the first one of a stretch; and the index of a leg
+            so near-singular that its foot's force is not determined, None if there is none.
+        """
+        window, state = window_of(sizes), self.body.at(motion, columns=True)
+        flat = np.logical_or.reduceat(np.abs(state.volume) < self.flat, window.edges[:-1], axis=0)
+        singular = [int(np.argmax(legs)) if legs.any() else None for legs in flat]
+        sound: Bools = np.asarray(~flat.any(axis=1) & (True if used is None else used))
+        wrong = ~sound[window.block]  # sums over these samples are not used, and need to be finite
+        state.to_wrench[wrong] = state.columns[wrong] = 0.0
+        noise = self.noise.learnt(None if squares is None else squares[:, self._channels], sizes, sound)
+        halves = self._halves(samples, window, motion, state, noise, sound)
+        before = self._half or {name: np.zeros_like(value[:1]) for name, value in halves.items()}
+        follows = np.concatenate([[self._half is not None], sound[:-1]]) & sound
+        first = {name: np.concatenate([before[name], value[:-1]]) for name, value in halves.items()}
+        rows = self._rows(first, halves, noise, follows, trunk)
+        self._half = {name: value[-1:] for name, value in halves.items()} if sound[-1] else None
+        return rows, singular
+
+    def _halves(
+        self, samples: Samples, window: Window, motion: Motion, state: State, noise: Variances, sound: Bools
+    ) -> Sums:
+        """Halves of windows of B blocks, of a robot with J joints in its legs, K links and L feet, by name:
+
+        plain: (B, 2, ...), sums weighted by the rising and by the falling half, of signals (12), target (6), jerk
+            (J + 3), and six numbers of each joint: q̈, q̇, s, 1, τ̇, h - τ.
+        by_rate, squared: (B, 2, 6), of E τ̇, and, with w² for w, of E σ² Eᵀ of white torque noise.
+        by_terms, by_links: (B, 2, J, 6, terms) and (B, 2, K, 6, 10), of E times q̈, q̇, s, 1, τ and √(1 - s²), and of
+            `State.columns`.
+        alternating: (B, 2, 18), of signals and target, with signs that alternate from sample to sample.
+        probes, middle: see `_slopes`. omega: (B, 3), mean. air: (B, L), legs in the air.
+        end: (B,) [s]. averaged, differentiated: (B,), Σ w², and the same of differences in time [1/s²].
+        sign: (B,), of `alternating`; zero of a block with too few samples. limb_...: see `LimbRows.sums`.
+        """
+        J, own, B = self._columns, self.body, len(window.edges) - 1
         span = (samples.time[2:] - samples.time[:-2])[:, None]
         tau, rate = samples.effort[1:-1, J], (samples.effort[2:, J] - samples.effort[:-2, J]) / span
         acceleration, velocity = motion.acceleration[:, J], motion.velocity[:, J]
-        sure = direction(_fitted(velocity))
+        sure = direction(window.line(velocity))
         stuck, one = np.sqrt(np.maximum(1.0 - sure * sure, 0.0)), np.ones(tau.shape)
         left = state.torque[:, J] + own.viscous[J] * velocity + own.coulomb[J] * sure + own.offset[J] - tau
         terms = np.stack([acceleration, velocity, sure, one, tau, stuck], axis=-1)
         turning = np.hstack([samples.velocity[:, J], samples.angular_velocity])
         jerk = (turning[2:] - 2.0 * turning[1:-1] + turning[:-2]) / (0.5 * span) ** 2
         signals = trunk_signals(motion.specific_force.T, motion.angular_velocity.T, motion.angular_acceleration.T).T
-        rising, target, force = half_window(n), np.zeros((n, 6)), np.zeros((n, len(own.legs), 3))
-        weights = np.stack([rising, rising[::-1]])  # both halves at once
-        signs = 1.0 - 2.0 * (np.arange(n) % 2)
-        alternating = weights * np.stack([signs[::-1], -signs])  # + at a block's end, - where the next one begins
+        target, force = np.zeros((len(tau), 6)), np.zeros((len(tau), len(own.legs), 3))
+        sizes = {"by_rate": (6,), "squared": (6,), "by_terms": (len(J), 6, len(_TERMS))}
+        sizes["by_links"] = len(own.joints), 6, 10
+        out: Sums = {name: np.zeros((B, 2, *size)) for name, size in sizes.items()}
         window_sums(
-            weights,
+            window.halves,
+            window.block,
             J,
             self._legs,
             state.to_wrench,
@@ -310,160 +291,167 @@ class RowMaker:
             terms,
             np.ascontiguousarray(left),
             np.ascontiguousarray(rate),
-            self.noise.torque**2,
+            noise.torque,
             target,
-            halves["by_rate"],
-            halves["squared"],
-            halves["by_terms"],
-            halves["by_links"],
+            out["by_rate"],
+            out["squared"],
+            out["by_terms"],
+            out["by_links"],
             force,
         )
         plain = np.hstack([signals, target, jerk, acceleration, velocity, sure, one, rate, left])
-        halves["plain"][:] = weights @ plain
-        step = (samples.time[-2] - samples.time[1]) / (n - 1) if n > 1 else 0.02
-        probes, middle = self._slopes(motion, tau)
-        limbs, count = None, samples.position.shape[1]
+        counts, end, begin = np.diff(window.edges), samples.time[window.edges[1:]], samples.time[window.edges[:-1] + 1]
+        step = np.where(counts > 1, (end - begin) / np.maximum(counts - 1, 1), 0.02)
+        out["plain"] = window.sums(window.halves, plain)
+        out["alternating"] = window.sums(window.alternating, plain[:, :18])
+        out["probes"], out["middle"] = self._slopes(window, motion, tau, sound)
+        out["omega"] = window.sums(window.mean, motion.angular_velocity)[:, 0]
+        out["air"] = self.lifted.legs(state, motion, force, sure, step, window.edges)
+        signs = self._sign * np.cumprod(np.concatenate([[1.0], np.where(sound, 1.0 - 2.0 * (counts % 2), 1.0)]))
+        out["sign"], self._sign = signs[:-1] * (counts >= RESOLVED), float(signs[-1])
+        out |= {"end": end, "averaged": window.averaged, "differentiated": window.differences / step**2}
         if self._limbs is not None:
-            at = self._limbs.joints
+            at, count = self._limbs.joints, samples.position.shape[1]
             torque = samples.extra[1:-1, 2 * (len(own.joints) - count) + at - count]
-            limbs = self._limbs.sums(weights, motion, state, torque, _fitted(motion.velocity[:, at]))
-        half = _Half(
-            end=float(samples.time[-2]),
-            samples=n,
-            sums=halves,
-            alternating=alternating @ plain[:, :18],
-            probes=probes,
-            middle=middle,
-            angular_velocity=motion.angular_velocity.mean(axis=0),
-            air=self.lifted.legs(state, motion, force, sure, step),
-            limbs=limbs,
-            averaged=float(rising @ rising),
-            differentiated=half_differences(n) / step**2,
-        )
-        return half, force[-1]
+            out |= self._limbs.sums(window, motion, state, torque)
+        return out
 
-    def _slopes(self, motion: Motion, tau: Array) -> tuple[Array, Array]:
-        """Derivatives (6, 6 + J) of b by the trunk's specific force and angular acceleration and by the joints'
-        accelerations, at the last posture; and (6, J + contacts), by each joint's position and each contact point's
-        position, in the middle of the block.
+    def _slopes(self, window: Window, motion: Motion, tau: Array, sound: Bools) -> tuple[Array, Array]:
+        """Derivatives (B, 6, 6 + J) of b by the trunk's specific force and angular acceleration and by the joints'
+        accelerations, at each block's last posture; and (B, 6, J + contacts), by each joint's position and each contact
+        point's position, in the middle of the block.
 
         b is linear in accelerations where nothing moves. Joints of the same place in all legs are moved together, since
         a leg's b is its own.
         """
-        body, J, order, k = self.body, self._columns, self._order, len(motion.position) // 2
-        first = 6 + body.most  # the middle as it is, then with joints displaced
-        N = first + 1 + body.most
-        position = np.repeat(motion.position[-1:], N, axis=0)
-        velocity, acceleration, trunk = np.zeros_like(position), np.zeros_like(position), np.zeros((3, N, 3))
-        trunk[2, :3] = trunk[1, 3:6] = _UNIT
-        acceleration[6 + order, J] = 1.0
-        position[first:], velocity[first:] = motion.position[k], motion.velocity[k]
-        position[first + 1 + order, J] += _STEP
-        acceleration[first:] = motion.acceleration.mean(axis=0)
+        body, J, legs, order, B = self.body, self._columns, self._legs, self._order, len(window.edges) - 1
+        k, first = window.edges[:-1] + np.diff(window.edges) // 2, 6 + body.most
+        N = first + 1 + body.most  # the middle as it is, then with joints displaced, come after the first ones
+        position = np.repeat(motion.position[window.edges[1:] - 1][:, None], N, axis=1)
+        velocity, acceleration, trunk = np.zeros_like(position), np.zeros_like(position), np.zeros((3, B, N, 3))
+        trunk[2, :, :3] = trunk[1, :, 3:6] = _UNIT
+        acceleration[:, 6 + order, J] = 1.0
+        position[:, first:], velocity[:, first:] = motion.position[k, None], motion.velocity[k, None]
+        position[:, first + 1 + order, J] += _STEP
+        acceleration[:, first:] = window.sums(window.mean, motion.acceleration)
         for part, values in zip(trunk, motion[3:6], strict=True):
-            part[first:] = values[k]
-        omega, alpha, a = trunk
-        state = body.at(Motion(position, velocity, acceleration, omega, alpha, a, motion.normal))
-        h = state.torque[:, J]
-        h[first:] += body.friction(motion.velocity[k], motion.velocity[k])[J] - tau[k]
-        by_leg = body.by_leg(state, h)
-        by_trunk = by_leg[:6].sum(axis=1) - state.inertial[:6, -1]
-        middle, E, s = by_leg[first:], state.to_wrench[first, J], state.axis[first, J]
-        by_position = (middle[1 + order, self._legs] - middle[0, self._legs]) / _STEP
-        by_contact = body.by_contact(E, s, np.add.reduceat(E[:, :3] * h[first][:, None], body.starts, axis=0))
-        probes = np.vstack([by_trunk, by_leg[6 + order, self._legs]]).T
-        return probes, np.hstack([by_position.T, by_contact.transpose(1, 0, 2).reshape(6, -1)])
+            part[:, first:] = values[k, None]
+        moved = (each.reshape(B * N, -1) for each in (position, velocity, acceleration, *trunk))
+        state = body.at(Motion._make((*moved, np.repeat(motion.normal[k], N, axis=0))))
+        state.to_wrench[np.repeat(~sound, N)] = 0.0
+        E, axis = (each.reshape(B, N, *each.shape[1:])[:, first, J] for each in (state.to_wrench, state.axis))
+        h = state.torque[:, J].reshape(B, N, len(J))
+        h[:, first:] += (body.friction(motion.velocity[k], motion.velocity[k])[:, J] - tau[k])[:, None]
+        by_leg = body.by_leg(state, h.reshape(B * N, -1)).reshape(B, N, -1, 6)
+        by_trunk = by_leg[:, :6].sum(axis=2) - state.inertial.reshape(B, N, -1, 6)[:, :6, -1]
+        middle = by_leg[:, first:]
+        by_position = (middle[:, 1 + order, legs] - middle[:, 0, legs]) / _STEP
+        by_contact = body.by_contact(E, axis, np.add.reduceat(E[..., :3] * h[:, first, :, None], body.starts, axis=1))
+        probes = np.concatenate([by_trunk, by_leg[:, 6 + order, legs]], axis=1).transpose(0, 2, 1)
+        by_contact = by_contact.transpose(0, 2, 1, 3).reshape(B, 6, -1)
+        return probes, np.concatenate([by_position.transpose(0, 2, 1), by_contact], axis=2)
 
     @cached_property
-    def _order(self) -> NDArray[np.int64]:
+    def _order(self) -> Ints:
         """Place of each joint in its leg, (J,)."""
         return np.concatenate([np.arange(len(leg)) for leg in self.body.legs])
 
     @cached_property
-    def _legs(self) -> NDArray[np.int64]:
+    def _legs(self) -> Ints:
         """Leg of each joint, (J,)."""
         return self.body.leg_of[self._columns]
 
-    def _rows(self, first: _Half, second: _Half, trunk: InertialParameters) -> BlockRows:
-        J, layout, places, noise = self._layout.joints, self._layout, self._layout.places, self.noise
-        sums = self._sums.of(first.sums, second.sums)
-        alternated = first.alternating[0] + second.alternating[1]
-        averaged, differentiated = first.averaged + second.averaged, first.differentiated + second.differentiated
-        probes, middle = 0.5 * (first.probes + second.probes), 0.5 * (first.middle + second.middle)
-        elapsed, of_gyro, of_force = second.end - first.end, noise.gyro**2, noise.accelerometer**2
-        imu = np.repeat([averaged * of_force, differentiated * of_gyro], 3)
-        imu[:3] += imu[3] * (self._lever @ self._lever)
-        turn = turned(second.angular_velocity, elapsed)
-        signals, removed = self._calibration.calibrated(sums["signals"], imu, turn, elapsed)
+    def _still(self, velocity: Array, variance: Array, follows: Bools) -> Bools:
+        """Joints (B, J) that have not moved lately beyond their noise: a joint that sticks, not one that turns back.
+
+        Args:
+            velocity: (B, J), averages over windows. variance: (B, J), of their noise. follows: (B,), blocks with rows.
+        """
+        known = np.concatenate([self._speeds, (velocity**2 / variance)[follows]])
+        total = np.concatenate([np.zeros((1, known.shape[1])), np.cumsum(known, axis=0)])
+        end = len(self._speeds) + np.cumsum(follows)
+        begin = np.maximum(end - _LATELY, 0)
+        self._speeds = known[-(_LATELY - 1) :]
+        return np.asarray(total[end] - total[begin] < _MOVES**2 * (end - begin)[:, None])
+
+    def _rows(
+        self, first: Sums, second: Sums, noise: Variances, follows: Bools, trunk: InertialParameters
+    ) -> list[BlockRows | None]:
+        """Rows of windows from neighbouring blocks; None where no block is before."""
+        J, layout, places, B = self._layout.joints, self._layout, self._layout.places, len(follows)
+        sums = {name: first[name][:, 0] + second[name][:, 1] for name in _SUMMED if name in first}
+        plain, alternated = sums["plain"], sums["alternating"]
+        signals, target, jerk, joint = plain[:, :12], plain[:, 12:18], plain[:, 18 : 21 + J], plain[:, 21 + J :]
+        joint = joint.reshape(B, 6, J)
+        averaged, differentiated = (first[name] + second[name] for name in ("averaged", "differentiated"))
+        probes, middle = (0.5 * (first[name] + second[name]) for name in ("probes", "middle"))
+        elapsed = second["end"] - first["end"]
+        imu = np.repeat(np.stack([averaged * noise.accelerometer, differentiated * noise.gyro], axis=1), 3, axis=1)
+        imu[:, :3] += imu[:, 3:] * (self._lever @ self._lever)
+        calibrated, removed, average = signals.copy(), np.zeros((B, 3)), np.zeros((B, 3))
+        turn = turned(second["omega"], elapsed)
+        for b in np.flatnonzero(follows):
+            calibrated[b], removed[b] = self._calibration.calibrated(signals[b], imu[b], turn[b], float(elapsed[b]))
+            average[b] = self._calibration.average
         own_alpha = wrench_of_angular_acceleration(trunk.first_moment, trunk.inertia)
-        K = wrench_of_specific_force(trunk.mass, trunk.first_moment) - probes[:, :3]
-        L, G = own_alpha - probes[:, 3:6], probes[:, 6:]
-        columns, end, of_links = np.zeros((6, 11 + layout.count + 10 * len(self._places))), 11 + layout.count, None
-        columns[:, :10], columns[:, 10], C = trunk_matrix(signals), sums["target"], columns[:, 11:end]
-        if first.limbs is not None and second.limbs is not None and self._limbs is not None:
-            A = trunk_matrix(sums["signals"])
-            columns[:, 10] += A @ self.body.lumped  # the trunk contains the other joints' links at their reference
+        K = wrench_of_specific_force(trunk.mass, trunk.first_moment) - probes[:, :, :3]
+        L, G = own_alpha - probes[:, :, 3:6], probes[:, :, 6:]
+        columns, end, limbs = np.zeros((B, 6, 11 + layout.count + 10 * len(self._places))), 11 + layout.count, None
+        columns[:, :, :10], columns[:, :, 10], C = trunk_matrix(calibrated), target, columns[:, :, 11:end]
+        if self._limbs is not None:
+            A = trunk_matrix(signals)
+            columns[:, :, 10] += A @ self.body.lumped  # the trunk contains the other joints' links at their reference
             self._limbs.add(columns, A, sums["by_links"], self._by_mass)
-            of_links = self._limbs.rows(first.limbs, second.limbs, self._by_mass) if len(self._limbs.joints) else None
-        for term, name in enumerate(_TERMS):
-            C[:, places[name]] = -sums["by_terms"][:, :, term].T
+            limbs = self._limbs.rows(sums, self._by_mass) if len(self._limbs.joints) else None
+        by_terms = sums["by_terms"].transpose(3, 0, 2, 1)  # (terms, B, 6, J)
+        for name, values in zip(_TERMS, by_terms, strict=True):
+            C[:, :, places[name]] = -values
         # signs such that positive static friction lifts the trunk, as in all joints of a robot that sags
-        lifts = np.sign(sums["by_terms"][:, :3, _TERMS.index("offset")] @ sums["signals"][:3])
+        lifts = np.sign(np.einsum("bcj,bc->bj", by_terms[_TERMS.index("offset")][:, :3], signals[:, :3]))
         # noise is not motion: a joint that moved beyond it does not stick, another shows no friction or rotor inertia
-        self._speeds.append(sums["joint"][1] ** 2 / (averaged * noise.velocity**2))
-        still = np.array(self._speeds).mean(axis=0) < _MOVES**2
+        still = self._still(joint[:, 1], averaged[:, None] * noise.velocity, follows)
         for name in ("rotor", "viscous", "coulomb"):
-            C[:, places[name]] *= ~still
-        C[:, places["stiction"]] *= lifts * still
-        C[:, places["torque_lag"]] = sums["by_rate"][:, None]
-        C[:, places["common_gain"]] = C[:, places["gain"]].sum(axis=1, keepdims=True)
-        C[:, places["encoder"]], C[:, places["contact"]] = middle[:, :J], -middle[:, J:]
-        by_links = sums["by_links"][: layout.links] @ self._by_mass[: layout.links]  # (K, 6, 4)
-        C[:, places["link_mass"]] = -by_links[:, :, 0].T
-        C[:, places["link_com"]] = -by_links[:, :, 1:].transpose(1, 2, 0).reshape(6, -1)
-        a, alpha, spin = signals_of(sums["signals"])
-        C[:, places["imu_lever"]] = -K @ (skew(alpha) + spin)
-        C[:, places["imu_rotation"]] = K @ skew(a) + L @ skew(alpha)
-        C[:, places["accelerometer"]] = -K
-        C[:, places["imu_response"]] = -K * (signals[:3] - self._calibration.average)
-        C[:, places["velocity_lag"]] = (L @ sums["jerk"][J:] - G @ sums["jerk"][:J])[:, None]
-        C[:, places["regression"]] = own_alpha * removed
-        alternating = trunk_matrix(alternated[:12]) @ trunk.vector - alternated[12:]
-        C[:, places["sampling"].start] = self._sign * alternating * (second.samples >= RESOLVED)
+            C[:, :, places[name]] *= ~still[:, None]
+        C[:, :, places["stiction"]] *= (lifts * still)[:, None]
+        C[:, :, places["torque_lag"]] = sums["by_rate"][:, :, None]
+        C[:, :, places["common_gain"]] = C[:, :, places["gain"]].sum(axis=2, keepdims=True)
+        C[:, :, places["encoder"]], C[:, :, places["contact"]] = middle[:, :, :J], -middle[:, :, J:]
+        by_links = sums["by_links"][:, : layout.links] @ self._by_mass[: layout.links]  # (B, K, 6, 4)
+        C[:, :, places["link_mass"]] = -by_links[..., 0].transpose(0, 2, 1)
+        C[:, :, places["link_com"]] = -by_links[..., 1:].transpose(0, 2, 3, 1).reshape(B, 6, -1)
+        a, alpha, spin = signals_of(signals)
+        C[:, :, places["imu_lever"]] = -K @ (skews(alpha) + spin)
+        C[:, :, places["imu_rotation"]] = K @ skews(a) + L @ skews(alpha)
+        C[:, :, places["accelerometer"]] = -K
+        C[:, :, places["imu_response"]] = -K * (calibrated[:, :3] - average)[:, None]
+        C[:, :, places["velocity_lag"]] = L @ jerk[:, J:, None] - G @ jerk[:, :J, None]
+        C[:, :, places["regression"]] = own_alpha * removed[:, None]
+        unresolved = trunk_matrix(alternated[:, :12]) @ trunk.vector - alternated[:, 12:]
+        C[:, :, places["sampling"].start] = second["sign"][:, None] * unresolved
         L_noise = L + K @ skew(self._lever)
-        white = _OVERLAP * (sums["squared"] + averaged * of_force * (K * K).sum(axis=1))
-        by_velocity = (G * G) @ noise.velocity**2
-        white += _TELESCOPED * differentiated * (of_gyro * (L_noise * L_noise).sum(axis=1) + by_velocity)
-        joint = sums["joint"]
-        swing = SwingRows(first.air & second.air, joint[:4], joint[4], joint[5])
-        return BlockRows(second.end, elapsed, columns, white, swing, of_links)
+        white = _OVERLAP * (sums["squared"] + (averaged * noise.accelerometer)[:, None] * (K * K).sum(axis=2))
+        by_velocity = ((G * G) @ noise.velocity[:, :, None])[:, :, 0]
+        by_velocity += noise.gyro[:, None] * (L_noise * L_noise).sum(axis=2)
+        white += _TELESCOPED * differentiated[:, None] * by_velocity
+        return [
+            BlockRows(
+                float(second["end"][b]),
+                float(elapsed[b]),
+                columns[b],
+                white[b],
+                SwingRows(first["air"][b] & second["air"][b], joint[b, :4], joint[b, 4], joint[b, 5], noise.torque[b]),
+                None if limbs is None else limbs[b],
+            )
+            if follows[b]
+            else None
+            for b in range(B)
+        ]
 
 
 def signals_of(signals: Array) -> tuple[Array, Array, Array]:
-    """Specific force and angular acceleration (3,), and [ω]x [ω]x (3, 3) = ω ωᵀ - ω² 1, from the twelve signals."""
-    xx, xy, xz, yy, yz, zz = signals[6:]
-    outer = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-    return signals[:3], signals[3:6], np.asarray(outer - (xx + yy + zz) * _UNIT)
-
-
-def _fitted(velocity: Array) -> Array:
-    """A line fitted to each of the velocities (n, J)."""
-    along = np.arange(len(velocity)) - 0.5 * (len(velocity) - 1)
-    slope = along @ velocity / max(float(along @ along), 1.0)
-    return np.asarray(velocity.mean(axis=0) + along[:, None] * slope)
-
-
-@lru_cache(maxsize=64)
-def half_window(n: int) -> Array:
-    """The rising half of a raised cosine over 2 n samples, its sum one half."""
-    window: Array = (1.0 - np.cos(np.pi * (np.arange(n) + 0.5) / n)) / (2.0 * n)
-    return window
-
-
-@lru_cache(maxsize=64)
-def half_differences(n: int) -> float:
-    """Half the variance of Σ w_k (x_k+1 - x_k-1) / 2 over 2 n samples for white noise x of unit variance: the sum of
-    squares of (w_k-1 - w_k+1) / 2 over the rising half, w zero outside.
+    """Specific force and angular acceleration (..., 3), and [ω]x [ω]x (..., 3, 3) = ω ωᵀ - ω² 1, from the twelve
+    signals (..., 12).
     """
-    w = np.concatenate([np.zeros(2), half_window(n), half_window(n)[-1:]])
-    return float((0.25 * (w[2:] - w[:-2]) ** 2).sum())
+    square = signals[..., 6:][..., _SQUARE]
+    trace = np.trace(square, axis1=-2, axis2=-1)
+    return signals[..., :3], signals[..., 3:6], np.asarray(square - trace[..., None, None] * _UNIT)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 from math import inf, isfinite, nan
@@ -124,16 +124,23 @@ class Stretch:
     """Result of gathering some samples.
 
     Attributes:
-        blocks: complete blocks, `Samples.table` of each with one more sample before and after it.
+        table: `Samples.table` of complete blocks, with one more sample before and after them. edges: (blocks + 1,),
+            where they begin, counted without the sample before; empty if there are none.
         reason: why samples before them were skipped, one sentence; else empty.
         gap: time without samples before them [s]; 0 if they follow on.
         begin: time of the first of them [s].
     """
 
-    blocks: Iterable[Array] = ()
+    table: Array = field(default_factory=lambda: _NONE)
+    edges: Sequence[int] = ()
     reason: str = ""
     gap: float = 0.0
     begin: float = nan
+
+    @property
+    def blocks(self) -> Iterator[Array]:
+        """The table of each block with one more sample before and after it."""
+        return (self.table[begin : end + 2] for begin, end in pairwise(self.edges))
 
 
 class SampleBuffer:
@@ -191,11 +198,11 @@ class SampleBuffer:
             gap = float(steps[start]) if start in cuts else 0.0
             if gap:
                 self._pending = None
-            yield Stretch(tuple(self._completed(good[start:stop])), gap=gap, begin=float(time[start]))
+            yield Stretch(*self._completed(good[start:stop]), gap=gap, begin=float(time[start]))
 
-    def _completed(self, table: Array) -> Iterator[Array]:
+    def _completed(self, table: Array) -> tuple[Array, list[int]]:
         pending = table if self._pending is None else np.concatenate([self._pending, table])
-        start, time = 0, np.ascontiguousarray(pending[:, 0])
+        start, edges, time = 0, [0], np.ascontiguousarray(pending[:, 0])
         while True:
             first = float(time[start + 1]) if start + 1 < len(time) else inf
             step = self._step if self._step < inf else 0.0
@@ -203,11 +210,12 @@ class SampleBuffer:
             end = max(int(time.searchsorted(self.due)), start + 2)
             if end >= len(time):
                 break
-            yield pending[start : end + 1]
             start = end - 1
+            edges.append(start)
         self._pending = pending[start:]
         if self.due == inf:
             self.due = -inf
+        return pending[: start + 2], edges
 
     def _usable(self, table: Array) -> tuple[Array, str]:
         """The samples that are finite and in order, and the reason against the first of the others."""

@@ -10,12 +10,14 @@ and back faster than any joint turns. Spikes are replaced by the mean of their n
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from stadera.trunk.noise import third_differences_squared
+from stadera.trunk.noise import mean_third_differences_squared
 from stadera.trunk.samples import Samples
+from stadera.trunk.window import Window, window_of
 from stadera.types import Array, Bools
 
 _CHANNELS = ("position", "velocity", "effort", "angular_velocity", "specific_force", "extra")
@@ -46,51 +48,89 @@ class SpikeFilter:
 
     Attributes:
         replaced: number of samples of which values were replaced so far.
-        squares: mean squares of third differences of all channels of the last block; None of less than four samples.
     """
 
     def __init__(self, settings: SpikeSettings | None = None) -> None:
         self._settings = settings or SpikeSettings()
         self._usual: Array | None = None
-        self.squares: Array | None = None
         self._blocks = self.replaced = 0
 
-    def clean(self, samples: Samples) -> Samples:
-        """Returns the samples without spikes; a block has one more sample before and after it."""
-        self.squares = None
-        if len(samples) < 4:
-            return samples
+    def clean(self, samples: Samples, sizes: tuple[int, ...]) -> tuple[Samples, Array | None]:
+        """Takes in successive blocks up to the first one with a spike; that one alone, without it, if it is the first.
+
+        Args:
+            samples: of the blocks, with one sample more before and after them. sizes: of the blocks.
+
+        Returns:
+            Samples of the blocks taken in, and mean squares of third differences of all their channels (blocks,
+            channels); None of blocks of less than two samples.
+        """
+        short = [size < 2 for size in sizes]
+        sizes = sizes[: (*short, not short[0]).index(not short[0])]
+        if short[0]:
+            return samples[: sum(sizes) + 2], None
+        window, values = window_of(sizes), np.hstack([getattr(samples, name) for name in _CHANNELS])
+        values = values[: window.edges[-1] + 2]
+        step, joints = float(samples.time[1] - samples.time[0]), samples.position.shape[1]
+        squares, before = mean_third_differences_squared(values, window), []
+        for square in squares:
+            before.append(self._usual)
+            self._learn(square)
+        for b in np.flatnonzero(self._conspicuous(values, window, before)):
+            part = slice(window.edges[b], window.edges[b + 1] + 2)
+            cleaned, wild = self._cleaned(values[part], before[b], step, joints)
+            if not wild.any():
+                continue
+            self._usual, self._blocks = before[b], self._blocks - len(sizes) + int(b)
+            if b:
+                return samples[: window.edges[b] + 2], squares[:b]
+            self.replaced += int(wild[1:-1].sum())  # the others belong to other blocks
+            square = mean_third_differences_squared(cleaned, window_of(sizes[:1]))
+            self._learn(square[0])
+            edges = np.cumsum([getattr(samples, name).shape[1] for name in _CHANNELS[:-1]])
+            channels = dict(zip(_CHANNELS, np.split(cleaned, edges, axis=1), strict=True))
+            return replace(samples[part], **channels), square
+        return samples[: len(values)], squares
+
+    def _learn(self, square: Array) -> None:
+        """Updates the usual noise by a block's mean squares of third differences."""
         self._blocks += 1
-        settings = self._settings
-        channels = [getattr(samples, name) for name in _CHANNELS]
-        values, usual, cleaned = np.hstack(channels), self._usual, False
-        if usual is not None and self._blocks > settings.learnt:
-            steps = values[1:] - values[:-1]
-            away = np.abs(steps)
-            deviation = np.empty_like(values)
-            # |now - median|: the distance to the nearer neighbour where it is a peak, else zero
-            deviation[1:-1] = np.where(steps[:-1] * steps[1:] < 0.0, np.minimum(away[:-1], away[1:]), 0.0)
-            deviation[0], deviation[-1] = 0.5 * np.abs(steps[0] - steps[1]), 0.5 * np.abs(steps[-1] - steps[-2])
-            noise = np.sqrt(usual)
-            wild = deviation > settings.wild * noise
-            if wild.any():
-                impossible = settings.fastest * float(samples.time[1] - samples.time[0])
-                wild &= _alone(deviation > settings.restless * noise) | (
-                    deviation[:, : samples.position.shape[1]] > impossible
-                ).any(axis=1, keepdims=True)
-            if cleaned := bool(wild.any()):
-                self.replaced += int(wild[1:-1].any(axis=1).sum())  # the others belong to other blocks
-                expected = np.empty_like(values)
-                expected[1:-1] = 0.5 * (values[:-2] + values[2:])
-                expected[0], expected[-1] = 2.0 * values[1] - values[2], 2.0 * values[-2] - values[-3]
-                values = np.where(wild, expected, values)
-        self.squares = third_differences_squared(values)
-        square = self.squares + 1e-12
-        self._usual = square if usual is None else usual + (square - usual) / min(self._blocks, settings.memory)
-        if not cleaned:
-            return samples
-        edges = np.cumsum([channel.shape[1] for channel in channels[:-1]])
-        return replace(samples, **dict(zip(_CHANNELS, np.split(values, edges, axis=1), strict=True)))
+        step = 1.0 / min(self._blocks, self._settings.memory)
+        self._usual = square + 1e-12 if self._usual is None else self._usual + step * (square + 1e-12 - self._usual)
+
+    def _conspicuous(self, values: Array, window: Window, before: Sequence[Array | None]) -> Bools:
+        """Blocks (B,) in which a value deviates by as much as a spike, given the usual noise before each."""
+        first, last, learnt = window.edges[:-1], window.edges[1:] - 1, self._blocks - len(before)
+        steps = values[1:] - values[:-1]
+        away = np.maximum.reduceat(_peaks(steps), first, axis=0)
+        turns = 0.5 * np.abs(steps[1:] - steps[:-1])
+        away = np.maximum(away, np.maximum(turns[first], turns[last]))
+        usual = np.array([np.full(values.shape[1], np.inf) if each is None else each for each in before])
+        usual[: max(self._settings.learnt - learnt, 0)] = np.inf
+        return np.asarray((away > self._settings.wild * np.sqrt(usual)).any(axis=1))
+
+    def _cleaned(self, values: Array, usual: Array | None, step: float, joints: int) -> tuple[Array, Bools]:
+        """A block's values (n + 2, channels) without spikes, and which samples had any."""
+        assert usual is not None
+        steps, deviation = values[1:] - values[:-1], np.empty_like(values)
+        deviation[1:-1] = _peaks(steps)
+        deviation[0], deviation[-1] = 0.5 * np.abs(steps[0] - steps[1]), 0.5 * np.abs(steps[-1] - steps[-2])
+        noise = np.sqrt(usual)
+        wild = deviation > self._settings.wild * noise
+        impossible = (deviation[:, :joints] > self._settings.fastest * step).any(axis=1, keepdims=True)
+        wild &= _alone(deviation > self._settings.restless * noise) | impossible
+        expected = np.empty_like(values)
+        expected[1:-1] = 0.5 * (values[:-2] + values[2:])
+        expected[0], expected[-1] = 2.0 * values[1] - values[2], 2.0 * values[-2] - values[-3]
+        return np.where(wild, expected, values), np.asarray(wild.any(axis=1))
+
+
+def _peaks(steps: Array) -> Array:
+    """|x - median of three|, from steps between successive values: the distance to the nearer neighbour where it is a
+    peak, else zero.
+    """
+    away = np.abs(steps)
+    return np.where(steps[:-1] * steps[1:] < 0.0, np.minimum(away[:-1], away[1:]), 0.0)
 
 
 def _alone(restless: Bools) -> Bools:

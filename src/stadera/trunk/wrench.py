@@ -25,8 +25,8 @@ def trunk_signals(specific_force: Array, angular_velocity: Array, angular_accele
 
 
 def trunk_matrix(signals: Array) -> Array:
-    """A, (6, 10), from the twelve signals (12,)."""
-    return np.asarray((TRUNK_MAP @ signals).reshape(6, 10))
+    """A, (..., 6, 10), from the twelve signals (..., 12)."""
+    return np.asarray((signals @ TRUNK_MAP.T).reshape(*signals.shape[:-1], 6, 10))
 
 
 def wrench_of_specific_force(mass: float, first_moment: Array) -> Array:
