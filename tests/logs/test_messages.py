@@ -1,29 +1,20 @@
 """Messages read by the places of their numbers are those that rosbags reads field by field, several at once those one
-by one; chunks of MCAP split here are those of the library.
+by one.
 """
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Callable, Iterator
-from io import BytesIO
-from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from mcap.opcode import Opcode
-from mcap.records import Message as Stored
-from mcap.stream_reader import StreamReader, breakup_chunk
 
 import bags
 from bags import IMU, JOINT_STATE, TYPES, Sent
-from stadera.errors import RecordingError
-from stadera.limits import Budget
 from stadera.logs.bags.container import BagSettings, Message, Samples, Topic
 from stadera.logs.bags.decode import decoder
-from stadera.logs.bags.mcap import McapFile, _records, _unpacked
 from stadera.logs.bags.unitree import LOW_STATES, LowStates
 
 RNG = np.random.default_rng(0)
@@ -147,29 +138,3 @@ def test_messages_of_another_layout_in_between() -> None:
     rows = [(one.columns, row.tolist()) for one in found for row in one.values]
     assert rows == [(one.columns, row.tolist()) for one in expected for row in one.values]
     assert len(found) == 6
-
-
-def chunk_of(sent: list[Sent], tmp_path: Path) -> bytes:
-    path = bags.write_mcap(sent, tmp_path / "log.mcap", chunk=1 << 22, compression=bags.CompressionType.NONE)
-    chunks = [
-        r for r in StreamReader(BytesIO(path.read_bytes()), emit_chunks=True).records if hasattr(r, "uncompressed_crc")
-    ]
-    assert len(chunks) == 1
-    records = [r for r in breakup_chunk(chunks[0]) if isinstance(r, Stored)]
-    topics = {r.id: r.topic for r in breakup_chunk(chunks[0]) if hasattr(r, "topic")}
-    damage: list[str] = []
-    found = [*McapFile().messages(path, topics.values(), damage, Budget(path))]
-    assert found == [Message(topics[r.channel_id], r.log_time, r.data) for r in records]
-    assert damage == []
-    return bytes(chunks[0].data)
-
-
-def test_chunks_are_split_as_by_the_library(tmp_path: Path) -> None:
-    sent = sorted([*joint_states(), *imus(), *[bags.text(0.01 * k) for k in range(9)]], key=lambda one: one.received)
-    data = chunk_of(sent * 60, tmp_path)
-    with pytest.raises(RecordingError, match="a record is not within its file or chunk"):
-        list(_records(BytesIO(data[:-1]), len(data) - 1))
-    short = bytes([Opcode.MESSAGE]) + (21).to_bytes(8, "little") + bytes(21)
-    ((kind, content),) = _records(BytesIO(short), len(short))
-    with pytest.raises(struct.error):
-        list(_unpacked(kind, content, Budget(tmp_path)))

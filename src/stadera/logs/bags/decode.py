@@ -8,9 +8,9 @@ doubles, aligned to 8 bytes after the four of the encapsulation.
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Callable, Sequence
 from functools import cache
+from itertools import takewhile
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -162,71 +162,73 @@ def _types(topic: Topic, encoding: str) -> Typestore:
 
 
 class _Repeated:
-    """Decoder that learns the layout of the next message from each one that `decode` reads: an Imu or a JointState."""
+    """Reads messages by the positions of their numbers in the last one that `decode` read, if they have its layout."""
 
     def __init__(self, decode: Callable[[Message], Samples], *, is_imu: bool) -> None:
         self._decode, self._is_imu = decode, is_imu
         self._like: Samples | None = None
-        self._prefix, self._length, self._first, self._count = b"", 0, 0, 0
-        self._gaps: tuple[slice, ...] = ()
-        self._joints = b""  # their number, as encoded before each array
-        self._order: NDArray[np.intp] = _IMU_ORDER
+        self._data = b""  # of the message that was read
+        self._same: tuple[slice, ...] = ()  # its bytes that are the same in every message of this layout
+        self._numbers = byte_places([], 8)
 
     def __call__(self, messages: Sequence[Message]) -> list[Samples]:
         found: list[Samples] = []
-        alike: list[Message] = []
-        for message in messages:
-            if self._like is not None and self._is_laid_out_alike(message.data):
-                alike.append(message)
-                continue
-            found += self._by_position(alike)
-            alike = []
-            samples = self._decode(message)
-            self._learn(message.data, samples)
-            found.append(samples)
-        return found + self._by_position(alike)
+        while messages:
+            alike = list(takewhile(self._is_alike, messages))
+            if alike and self._like is not None:
+                found.append(self._by_position(alike, self._like))
+            else:
+                alike = [messages[0]]
+                found.append(self._decode(messages[0]))
+                self._learn(messages[0].data, found[-1])
+            messages = messages[len(alike) :]
+        return found
 
-    def _by_position(self, messages: Sequence[Message]) -> list[Samples]:
-        if not messages or (like := self._like) is None:
-            return []
-        rows = np.frombuffer(b"".join([message.data for message in messages]), np.uint8).reshape(-1, self._length)
-        numbers = np.ascontiguousarray(rows[:, self._first : self._first + 8 * self._count]).view("<f8")
-        values = numbers[:, self._order]
+    def _is_alike(self, message: Message) -> bool:
+        data, own = message.data, self._data
+        return len(data) == len(own) and all(data[part] == own[part] for part in self._same)
+
+    def _by_position(self, messages: Sequence[Message], like: Samples) -> Samples:
+        rows = byte_rows([message.data for message in messages])
+        numbers = numbers_at(rows, self._numbers, "<f8")
+        values = numbers[:, _IMU_ORDER] if self._is_imu else numbers
         if self._is_imu:
             for covariance, part in _UNKNOWN:
                 values[numbers[:, covariance] == -1.0, part] = np.nan
             values[~values[:, 6:].any(axis=1), 6:] = np.nan
-        times = np.ascontiguousarray(rows[:, 4:_STAMP])
-        stamps = times.view("<i4")[:, 0].astype(np.int64) * 1_000_000_000 + times.view("<u4")[:, 1]
+        seconds, rest = (numbers_at(rows, byte_places([at], 4), kind)[:, 0] for at, kind in ((4, "<i4"), (8, "<u4")))
         received = np.array([message.received for message in messages])
-        return [Samples(like.topic, received, stamps, like.frame, like.columns, values)]
-
-    def _is_laid_out_alike(self, data: bytes) -> bool:
-        return (
-            len(data) == self._length
-            and data[:4] == _LITTLE
-            and data[_STAMP : self._first] == self._prefix
-            and all(data[gap] == self._joints for gap in self._gaps)
-        )
+        stamps = seconds.astype(np.int64) * 1_000_000_000 + rest
+        return Samples(like.topic, received, stamps, like.frame, like.columns, values)
 
     def _learn(self, data: bytes, samples: Samples) -> None:
-        """Determines the numbers' positions in the next message, if it has the same layout."""
-        self._like = None
-        if data[:4] != _LITTLE:
-            return
-        joints = 0 if self._is_imu else len(samples.columns) // 3
-        # the second and third array are preceded by 8 bytes with their length
-        count = 3 * joints + 2
-        if self._is_imu:
-            count = 4 + 9 + 2 * (3 + 9)  # quaternion, rates, specific force, each followed by its covariance
+        """Determines the positions of the numbers in messages like this one."""
+        joints = len(samples.columns) // 3
+        # an Imu has quaternion, rates and specific force, each followed by its covariance; a JointState three arrays,
+        # the second and third preceded by 8 bytes with their length
+        count = 4 + 9 + 2 * (3 + 9) if self._is_imu else 3 * joints + 2
         first = len(data) - 8 * count
-        if (first - 4) % 8 or first <= _STAMP or not (joints or self._is_imu):
+        lengths = [] if self._is_imu else [first + 8 * joints, first + 16 * joints + 8]
+        self._data = b""
+        if data[:4] != _LITTLE or (first - 4) % 8 or first <= _STAMP or not joints:
             return  # more data follows, or an array is empty
-        self._prefix, self._length, self._first, self._count = data[_STAMP:first], len(data), first, count
-        if not self._is_imu:
-            self._joints = struct.pack("<I", joints)
-            starts = (first - 8, first + 8 * joints, first + 16 * joints + 8)
-            self._gaps = tuple(slice(start, start + 4) for start in starts[1:])
-            self._order = np.delete(np.arange(count), [joints, 2 * joints + 1])
-        if self._is_laid_out_alike(data):
-            self._like = samples
+        if any(data[at : at + 4] != joints.to_bytes(4, "little") for at in lengths):
+            return
+        self._like, self._data = samples, data
+        self._same = (slice(4), slice(_STAMP, first), *(slice(at, at + 4) for at in lengths))
+        self._numbers = byte_places([at for at in range(first, len(data), 8) if at not in lengths], 8)
+
+
+def byte_rows(messages: Sequence[bytes]) -> NDArray[np.uint8]:
+    """The bytes of messages of one length, (messages, length)."""
+    return np.frombuffer(b"".join(messages), np.uint8).reshape(len(messages), -1)
+
+
+def byte_places(offsets: Sequence[int], size: int) -> NDArray[np.int64]:
+    """Positions of the bytes of some numbers, (numbers, size)."""
+    return np.array(offsets, dtype=np.int64)[:, None] + np.arange(size)
+
+
+def numbers_at(rows: NDArray[np.uint8], places: NDArray[np.int64], kind: str) -> NDArray[Any]:
+    """Numbers of a type at these positions of each row of bytes, (rows, numbers)."""
+    return rows.take(places.ravel(), axis=1).view(kind)

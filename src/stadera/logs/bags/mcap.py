@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import struct
-import zlib
 from collections.abc import Collection, Iterator
-from io import BytesIO
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, BinaryIO, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 from stadera.boundary import begins_with
 from stadera.errors import RecordingError
@@ -15,19 +13,9 @@ from stadera.limits import Budget
 from stadera.logs.bags.container import Message, Topic, salvaged, unpacked
 
 if TYPE_CHECKING:
-    from mcap.records import Channel, Schema
+    from mcap.records import McapRecord
 
-_FOOTER, _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK = 2, 3, 4, 5, 6
-"""Operation codes of records."""
-_RECORD = struct.Struct("<BQ")  # operation code and length of the content
-_HEAD = struct.Struct("<HIQQ")  # of a message: channel, number, times of recording and of publishing [ns]
 _LATEST = 1 << 62  # time beyond any clock's [ns]
-
-
-class _Stored(NamedTuple):
-    channel: int
-    time: int
-    data: bytes
 
 
 class McapFile:
@@ -41,7 +29,7 @@ class McapFile:
 
         if not begins_with(path, self.magic):
             raise RecordingError(f"{path}: not an MCAP file")
-        parts = [*(_summary(path) or _parts(path, [], budget))]
+        parts: list[Any] = [*(_summary(path) or _records(path, [], budget))]
         types = {p.id: Topic(p.name, p.data.decode(errors="replace")) for p in parts if isinstance(p, Schema)}
         channels = [p for p in parts if isinstance(p, Channel) and p.message_encoding == self.encoding]
         found = {channel.topic: types[channel.schema_id] for channel in channels if channel.schema_id in types}
@@ -51,18 +39,18 @@ class McapFile:
 
     def messages(self, path: Path, topics: Collection[str], damage: list[str], budget: Budget) -> Iterator[Message]:
         """See `Container`."""
-        from mcap.records import Channel
+        from mcap import records
 
         wanted: dict[int, str] = {}
-        for part in _parts(path, damage, budget):
-            if isinstance(part, _Stored):
-                if (topic := wanted.get(part.channel)) is not None:
-                    yield Message(topic, part.time, part.data)
-            elif isinstance(part, Channel) and part.topic in topics and part.message_encoding == self.encoding:
-                wanted[part.id] = part.topic
+        for record in _records(path, damage, budget):
+            if isinstance(record, records.Message):
+                if (topic := wanted.get(record.channel_id)) is not None:
+                    yield Message(topic, min(record.log_time, _LATEST), record.data)
+            elif isinstance(record, records.Channel) and record.message_encoding == self.encoding:
+                wanted |= {record.id: record.topic} if record.topic in topics else {}
 
 
-def _summary(path: Path) -> list[Schema | Channel | _Stored]:
+def _summary(path: Path) -> list[McapRecord]:
     """Schemas and channels from the file's index; empty if it has no readable one."""
     from mcap.reader import SeekingReader
 
@@ -74,58 +62,25 @@ def _summary(path: Path) -> list[Schema | Channel | _Stored]:
     return [] if summary is None else [*summary.schemas.values(), *summary.channels.values()]
 
 
-def _parts(path: Path, damage: list[str], budget: Budget) -> Iterator[Schema | Channel | _Stored]:
-    """Schemas, channels and messages in the file's order."""
+def _records(path: Path, damage: list[str], budget: Budget) -> Iterator[McapRecord]:
+    """Records in the file's order, those of chunks in their place."""
+    from mcap.stream_reader import StreamReader
+
     size = path.stat().st_size
     with path.open("rb") as file:
-        file.seek(len(McapFile.magic))
+        records = StreamReader(file, emit_chunks=True, record_size_limit=size).records
         yield from salvaged(
-            path, _stored(file, size), lambda record: _unpacked(*record, budget),
-            lambda _: f"{file.tell()} of {size} bytes", damage, budget,
+            path, records, lambda record: _unpacked(record, budget), lambda _: f"{file.tell()} of {size} bytes",
+            damage, budget,
         )  # fmt: skip
 
 
-def _stored(file: BinaryIO, size: int) -> Iterator[tuple[int, bytes]]:
-    """Records of a file up to its footer."""
-    for kind, content in _records(file, size):
-        if kind == _FOOTER:
-            return
-        yield kind, content
-    raise RecordingError("the end is missing")
+def _unpacked(record: McapRecord, budget: Budget) -> list[McapRecord]:
+    """A chunk's records, or the record itself. Raises ValueError: a chunk is not as its checksum says."""
+    from mcap.records import Chunk
+    from mcap.stream_reader import breakup_chunk
 
-
-def _records(file: BinaryIO, size: int) -> Iterator[tuple[int, bytes]]:
-    """Kind and content of each record of a file or chunk of this size; indices and attachments are skipped."""
-    while head := file.read(_RECORD.size):
-        kind, length = _RECORD.unpack(head)
-        if length > size:
-            raise RecordingError("a record is not within its file or chunk")
-        if kind > _CHUNK:
-            file.seek(length, 1)
-            continue
-        content = file.read(length)
-        if len(content) < length:
-            raise RecordingError("a record is not within its file or chunk")
-        yield kind, content
-
-
-def _unpacked(kind: int, content: bytes, budget: Budget) -> Iterator[Schema | Channel | _Stored]:
-    """Parts of a record. Raises RecordingError: a chunk is not as its checksum says."""
-    from mcap.data_stream import ReadDataStream
-    from mcap.records import Channel, Chunk, Schema
-
-    if kind == _MESSAGE:
-        channel, _, time, _ = _HEAD.unpack_from(content)
-        yield _Stored(channel, min(time, _LATEST), content[_HEAD.size :])
-    elif kind == _SCHEMA:
-        yield Schema.read(ReadDataStream(BytesIO(content)))
-    elif kind == _CHANNEL:
-        yield Channel.read(ReadDataStream(BytesIO(content)))
-    elif kind == _CHUNK:
-        chunk = Chunk.read(ReadDataStream(BytesIO(content)))
-        data = unpacked(chunk.data, chunk.compression, budget)
-        if chunk.uncompressed_crc not in (0, zlib.crc32(data)):
-            raise RecordingError(f"checksum {chunk.uncompressed_crc} of a chunk is {zlib.crc32(data)}")
-        for inner, inside in _records(BytesIO(data), len(data)):
-            if inner != _CHUNK:
-                yield from _unpacked(inner, inside, budget)
+    if not isinstance(record, Chunk):
+        return [record]
+    data = unpacked(record.data, record.compression, budget)
+    return breakup_chunk(replace(record, compression="", data=data), validate_crc=True)

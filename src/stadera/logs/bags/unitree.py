@@ -7,12 +7,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stadera.errors import ClosedLoopError, RecordingError
 from stadera.joint_words import by_place, places
 from stadera.logs.bags.container import BagSettings, Message, Samples, Topic
-from stadera.logs.bags.decode import IMU_NAMES, joint_columns, uncompressed
+from stadera.logs.bags.decode import IMU_NAMES, byte_places, byte_rows, joint_columns, numbers_at, uncompressed
 
 LOW_STATES = ("unitree_go/msg/LowState", "unitree_hg/msg/LowState")
 MOTORS = tuple(f"{leg}_{part}_joint" for leg in ("FR", "FL", "RR", "RL") for part in ("hip", "thigh", "calf"))
@@ -60,9 +59,9 @@ class LowStates:
         imu = [f"imu_state.gyroscope.{k}" for k in range(3)] + [f"imu_state.accelerometer.{k}" for k in range(3)]
         quaternion = [f"imu_state.quaternion.{k}" for k in (1, 2, 3, 0)]  # w comes first in the message
         self._start = 4 if encoding == "cdr" else 0
-        self._words = _bytes([at[name] for name in (*motors, *imu, *quaternion)], 4)
-        self._angles = _bytes([at[f"motor_state.{k}.q"] for k in range(count)], 4)
-        self._tick = _bytes([at["tick"]], 4)
+        self._words = byte_places([at[name] for name in (*motors, *imu, *quaternion)], 4)
+        self._angles = byte_places([at[f"motor_state.{k}.q"] for k in range(count)], 4)
+        self._tick = byte_places([at["tick"]], 4)
         self._feet = at.get("foot_force.0")
         self._least, self._most = np.full(4, np.inf), np.full(4, -np.inf)
         self._columns = (*joint_columns(motor_names(joints, self._names)), *IMU_NAMES)
@@ -74,24 +73,20 @@ class LowStates:
         if len(set(map(len, content))) > 1 or len({self._order_of(data) for data in content}) > 1:
             raise ValueError("messages of several layouts")
         order = self._order_of(content[0])
-        body = np.frombuffer(b"".join(content), np.uint8).reshape(len(content), -1)[:, self._start :]
-
+        body = byte_rows(content)[:, self._start :]
         if self._mode is not None and (body[:, self._mode] == _PARALLEL).any():
             raise ClosedLoopError(
                 f"{messages[0].topic}: ankles and waist are in mode AB (mode_pr 1): their values are those of two "
                 "motors in parallel, from which the joints' pitch and roll do not follow; record in mode PR"
             )
 
-        def numbers(places: NDArray[np.int64], kind: str) -> NDArray[Any]:
-            return body.take(places.ravel(), axis=1).view(f"{order}{kind}")
-
-        values = numbers(self._words, "f4").astype(np.float64)
+        values = numbers_at(body, self._words, f"{order}f4").astype(np.float64)
         values[~values[:, -4:].any(axis=1), -4:] = np.nan
-        ticks = numbers(self._tick, "u4")[:, 0].tolist()
+        ticks = numbers_at(body, self._tick, f"{order}u4")[:, 0].tolist()
         if not self.motors:
-            self.motors = 1 + int(np.flatnonzero(numbers(self._angles, "f4")[0]).max(initial=-1))
+            self.motors = 1 + int(np.flatnonzero(numbers_at(body, self._angles, f"{order}f4")[0]).max(initial=-1))
         if self._feet is not None:
-            counts = numbers(self._feet + np.arange(8), "i2")
+            counts = numbers_at(body, byte_places([self._feet], 8), f"{order}i2")
             self._least = np.minimum(self._least, counts.min(axis=0))
             self._most = np.maximum(self._most, counts.max(axis=0))
         received = np.array([message.received for message in messages])
@@ -162,11 +157,6 @@ def _offsets(topic: Topic, *, aligned: bool) -> dict[str, int]:
         if not published:
             raise RecordingError(f"the definition of {topic.kind} in this log cannot be read") from None
         return offsets(topic.kind, published, aligned=aligned)
-
-
-def _bytes(offsets: Sequence[int], size: int) -> NDArray[np.int64]:
-    """Positions of the bytes of some numbers, (numbers, size)."""
-    return np.array(offsets, dtype=np.int64)[:, None] + np.arange(size)
 
 
 def motors_of(kind: str, joints: Sequence[str] | None) -> tuple[str, ...]:
