@@ -163,8 +163,8 @@ def halves(path: Path) -> dict[str, Any]:
     kinds: dict[str, list[float]] = {"all": []}
     for legs in zip(*(half.legs for half in found), strict=True):
         for name, first in legs[0].parameters.items():
-            second = legs[1].parameters[name]
-            if first.std and second.std and not first.is_held and not second.is_held:
+            second = legs[1].parameters.get(name)  # None of a term that only one half shows
+            if second is not None and first.std and second.std and not first.is_held and not second.is_held:
                 z = abs(first.value - second.value) / float(np.hypot(first.std, second.std))
                 kinds["all"].append(z)
                 kinds.setdefault(name.rpartition(".")[2], []).append(z)

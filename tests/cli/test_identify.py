@@ -284,7 +284,7 @@ def test_an_export_that_fails_leaves_no_other_output(run, log, tmp_path, monkeyp
     from stadera.errors import ModelError
     from stadera.robot import export
 
-    def fails(*_: object) -> None:
+    def fails(*_: object, **__: object) -> None:
         raise ModelError("cannot hold it")
 
     monkeypatch.setattr(export, "export_model", fails)

@@ -1,20 +1,61 @@
-"""Coulomb friction that varies with position or load is found where it is, and only there."""
+"""Coulomb friction that varies with position, load or after a reversal is found where it does, and only there."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
+from scipy.interpolate import CubicSpline
 
 from identify.leg_runs import hyq, leg_regressor, noisy, run
 from stadera.body import JointMotion
+from stadera.body.friction import presliding
 from stadera.identify.legs import identify
 from stadera.identify.result import Identification
 from stadera.identify.settings import IdentifySettings
 from stadera.logs import Recording
+from stadera.types import Array
 
-A, B, LOAD = 0.6, -0.9, 0.15
+A, B, LOAD, TRAVEL = 0.6, -0.9, 0.15, 2e-3
+
+
+def dahl(position: Callable[[float], float], velocity: Callable[[float], float], time: Array, travel: float) -> Array:
+    """The Dahl state over time, integrated as a differential equation."""
+    solved = solve_ivp(
+        lambda t, z: [velocity(t) / travel * (1.0 - z[0] * np.sign(velocity(t)))],
+        (time[0], time[-1]),
+        [np.sign(velocity(time[0]))],
+        t_eval=time,
+        max_step=1e-3,
+        rtol=1e-7,
+        atol=1e-8,
+    )
+    return np.asarray(solved.y[0])
+
+
+@pytest.mark.parametrize("travel", [2e-4, 1e-3, 5e-3])
+def test_presliding_is_dahls_differential_equation(travel: float) -> None:
+    time = np.linspace(0.0, 3.0, 3001)
+
+    def position(t: Any) -> Any:
+        return 0.3 * np.sin(2.0 * t) + 0.004 * np.sin(25.0 * t)
+
+    def velocity(t: Any) -> Any:
+        return 0.6 * np.cos(2.0 * t) + 0.1 * np.cos(25.0 * t)
+
+    error = presliding(position(time), travel) - dahl(position, velocity, time, travel)
+    assert np.abs(error).mean() < 1e-4
+    assert np.abs(error).max() < 4e-6 / travel  # at a reversal, whose instant lies between samples
+
+
+def test_presliding_of_a_joint_that_does_not_move_is_zero_and_forgets_its_start() -> None:
+    assert not presliding(np.full(5, 0.3), 1e-3).any()
+    q = np.sin(np.linspace(0.0, 20.0, 2000))
+    assert presliding(q, 1e-3)[700:] == pytest.approx(presliding(q[500:], 1e-3)[200:], abs=1e-12)
 
 
 def varied(kind: str, joint: int = 2) -> Recording:
@@ -25,6 +66,9 @@ def varied(kind: str, joint: int = 2) -> Recording:
     sign = np.tanh(rate[:, joint] / 0.02)
     if kind == "position":
         more = sign * (A * np.cos(q[:, joint]) + B * np.sin(q[:, joint]))
+    elif kind == "presliding":
+        spline = CubicSpline(t, q[:, joint])
+        more = 1.2 * (dahl(spline, spline.derivative(), t, TRAVEL) - sign)
     else:
         regressor = leg_regressor(hyq())
         links = {
@@ -63,6 +107,20 @@ def test_friction_by_load_is_found() -> None:
     joint = hyq().leg("RH").joints[2]
     terms = found(varied("load")).to_dict()["joints"][joint]
     assert terms["coulomb_load"]["value"] == pytest.approx(LOAD, abs=0.05)
+
+
+def test_presliding_is_found_with_its_travel_and_leaves_coulomb_friction() -> None:
+    recording = varied("presliding")
+    joint = hyq().leg("RH").joints[2]
+    result = found(recording)
+    terms = result.to_dict()["joints"][joint]
+    assert terms["presliding"]["value"] == pytest.approx(
+        TRAVEL, abs=max(3.0 * terms["presliding"]["std"], 0.2 * TRAVEL)
+    )
+    assert 0.0 < terms["presliding"]["std"] < 0.3 * TRAVEL
+    assert terms["coulomb"]["value"] == pytest.approx(1.2, abs=0.05)
+    assert "coulomb_cos" not in terms
+    assert any(joint in note and "reversal" in note for note in result.friction_notes())
 
 
 def test_constant_friction_stays_constant() -> None:

@@ -29,6 +29,39 @@ def direction(velocity: Array, out: Array | None = None) -> Array:
     return np.asarray(np.tanh(velocity / STICTION_VELOCITY, out=out))
 
 
+def presliding(position: Array, reach: float) -> Array:
+    """Dahl state z of a joint, (samples,), from -1 to 1: the share of Coulomb friction that acts, from its positions
+    (samples,) [rad] and the travel x_s `reach` [rad] after which a reversed friction has built up.
+
+    Dahl (1968) has friction depend on travel alone, whatever the rate:
+
+        dz/dq = (1 - z sign q̇) / x_s
+
+    Between two reversals the sign s is constant, and with z₀ and q₀ at the last one
+
+        z = s + (z₀ - s) exp(-|q - q₀| / x_s)
+
+    exactly. So only the reversals follow one another; samples between them are computed at once. The joint is taken to
+    have slid before the first sample, in the direction of its first motion; the state forgets that within a few x_s.
+    """
+    steps = np.sign(np.diff(position))
+    moves = np.flatnonzero(steps)
+    if not len(moves):
+        return np.zeros(len(position))
+    signs = steps[moves]
+    turns = moves[np.flatnonzero(np.diff(signs, prepend=-signs[0]))]  # first step of each stretch of one sign
+    begin, sign = position[turns], steps[turns]
+    decay = np.exp(-np.abs(np.diff(begin)) / reach)
+    state = np.empty(len(turns))
+    last = sign[0]
+    for k, (own, kept) in enumerate(zip(sign.tolist(), [*decay.tolist(), 0.0], strict=True)):
+        state[k] = last
+        last = own + (last - own) * kept
+    stretch = np.maximum(np.searchsorted(turns, np.arange(len(position)) - 1, side="right") - 1, 0)
+    own = sign[stretch]
+    return np.asarray(own + (state[stretch] - own) * np.exp(-np.abs(position - begin[stretch]) / reach))
+
+
 @dataclass(frozen=True)
 class FrictionModel:
     """Selection of the joint-side columns: any of armature, viscous, coulomb, offset; empty for rigid bodies alone.

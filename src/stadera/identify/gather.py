@@ -17,11 +17,11 @@ from itertools import chain
 import numpy as np
 
 from stadera.body import Rows, TrunkMotion
+from stadera.identify.evidence import varying_friction
 from stadera.identify.job import Job, LegTask
 from stadera.identify.log import Part
 from stadera.identify.residuals import residual_noise, rows_of, speed
 from stadera.identify.solutions import Estimate
-from stadera.identify.varying import VARYING_UNITS, VaryingFriction, columns_of, varying_friction
 from stadera.information import Information
 from stadera.logs.filters import smooth_rows
 from stadera.logs.processing import Processed
@@ -109,23 +109,18 @@ def with_varying_friction(job: Job, training: Part) -> Job:
     asked, width = job.settings.varying, job.settings.width
     if asked is None:
         return job
-    every = dict.fromkeys(VARYING_UNITS, 0.0)
     tasks, notes = [], []
     for task in job.tasks:
         joints = task.leg.joints
-        tried = task.with_varying(job.robot, dict.fromkeys(joints, every), width)
+        tried = task.with_varying(job.robot, dict.fromkeys(joints, asked.tried), width)
         rows = smoothed_rows(tried, training, job.trunk, job.rows_cutoff, job.drop_below)
         found = varying_friction(rows, joints, tried.prior, task.fixed, asked)
-        tasks.append(task.with_varying(job.robot, {joint: f.centres for joint, f in found.items()}, width))
+        tasks.append(task.with_varying(job.robot, found, width))
         notes += [
-            f"friction of {joint} varies with {' and '.join(_words(f))}: held-out torque error times {max(f.ratio):.2f}"
+            f"friction of {joint} {f.words}: held-out torque error times {max(f.ratio):.2f}"
             for joint, f in found.items()
         ]
     return replace(job, tasks=tuple(tasks), notes=(*job.notes, *notes))
-
-
-def _words(found: VaryingFriction) -> list[str]:
-    return ["position"] * ("coulomb_cos" in found.centres) + ["load"] * ("coulomb_load" in found.centres)
 
 
 def gather(job: Job, training: Part) -> tuple[Gathered, ...]:
@@ -137,7 +132,8 @@ def gather(job: Job, training: Part) -> tuple[Gathered, ...]:
         best = [dict(task.fixed) | found.least_squares() for found in free]
         ranks = [found.rank() for found in free]
         noise = residual_noise(_rows(job, task, training), task.leg.joints, best, ranks)
-        out.append(Gathered(by_joint, *noise, _joint_terms(task, by_joint)))
+        constant = _summed_up(_rows(job, task.constant, training), task.constant) if task.varying else by_joint
+        out.append(Gathered(by_joint, *noise, _joint_terms(task, constant)))
         job.progress("summing up the torques", done + 1, len(job.tasks))
     return tuple(out)
 
@@ -184,7 +180,7 @@ def _joint_terms(task: LegTask, by_joint: Sequence[Information]) -> dict[str, fl
     """Joint terms that fit best with the links at their CAD values, friction constant."""
     fitted: dict[str, float] = {}
     for information in by_joint:
-        terms = information.fix(task.rigid | dict(task.fixed) | dict.fromkeys(columns_of(task.varying), 0.0))
+        terms = information.fix(task.rigid | dict(task.fixed))
         # the other joints' terms do not affect this one
         heard = np.linalg.norm(terms.R, axis=0) > 0
         fitted |= {c: v for (c, v), h in zip(terms.least_squares().items(), heard, strict=True) if h}

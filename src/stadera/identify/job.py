@@ -15,7 +15,7 @@ from stadera.identify.lag import TorqueLag, estimate_lag
 from stadera.identify.log import Log, Part, Section, has_effort, head, time_span
 from stadera.identify.prior import Prior, PriorWidth, robot_prior
 from stadera.identify.settings import IdentifySettings, LagSettings
-from stadera.identify.varying import columns_of, with_varying
+from stadera.identify.varying import VaryingFriction, columns_of, with_varying
 from stadera.logs.filters import highest_cutoff, suggest_cutoff
 from stadera.logs.processing import Preprocessing, preprocess_stream
 from stadera.logs.recording import Recording, take
@@ -80,7 +80,7 @@ class LegTask:
     nominal: Mapping[str, float]  # the model's values of all parameters
     fixed: Mapping[str, float]  # parameters that are not identified, at the model's values
     prior: Prior  # of the parameters that are identified
-    varying: Mapping[str, Mapping[str, float]] = field(default_factory=dict)  # by joint, `VaryingFriction.centres`
+    varying: Mapping[str, VaryingFriction] = field(default_factory=dict)  # by joint, of those whose friction varies
 
     @classmethod
     def of(cls, robot: Robot, leg: Leg, settings: IdentifySettings) -> LegTask:
@@ -94,8 +94,8 @@ class LegTask:
         identified = tuple(c for c in regressor.columns if c not in fixed)
         return cls(leg, regressor, nominal, fixed, robot_prior(robot, identified, settings.width))
 
-    def with_varying(self, robot: Robot, varying: Mapping[str, Mapping[str, float]], width: PriorWidth) -> LegTask:
-        """The task with friction of these joints that varies by these terms."""
+    def with_varying(self, robot: Robot, varying: Mapping[str, VaryingFriction], width: PriorWidth) -> LegTask:
+        """The task with friction of these joints that varies."""
         more = columns_of(varying)
         prior = robot_prior(robot, (*self.prior.columns, *more), width)
         return replace(self, varying=varying, prior=prior, nominal=dict(self.nominal) | dict.fromkeys(more, 0.0))
@@ -110,8 +110,14 @@ class LegTask:
         for k, (joint, rows) in enumerate(
             zip(self.leg.joints, self.regressor.rows(motion, torque, trunk, std), strict=True)
         ):
+            varying = self.varying.get(joint)
             q, rate = motion.position[:, k], motion.velocity[:, k]
-            yield with_varying(rows, joint, self.varying.get(joint, {}), q, rate, self.rigid)
+            yield rows if varying is None else with_varying(rows, joint, varying, q, rate, self.rigid)
+
+    @property
+    def constant(self) -> LegTask:
+        """The task with constant friction, acting in the direction of sliding."""
+        return replace(self, varying={})
 
     @cached_property
     def rigid(self) -> dict[str, float]:

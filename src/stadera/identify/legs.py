@@ -323,6 +323,7 @@ def _leg_result(
         rmse={part: score.rmse for part, score in scores.items() if score.samples},
         traces=tuple(score.trace(part) for part, score in scores.items()),
         information=data.whitened(task.fixed),
+        varying=task.varying,
     )
     return leg_warnings(result, scores, job.settings.trust)
 

@@ -157,9 +157,10 @@ class LegScore:
         if not len(chunk):
             return
         rows = list(rows_of(models.task, chunk, trunk))
+        constant = list(rows_of(models.task.constant, chunk, trunk)) if models.task.varying else rows
         measured = np.column_stack([r.target for r in rows])
         guesses = {
-            name: np.column_stack([predicted(r, parameters) for r in rows])
+            name: np.column_stack([predicted(r, parameters) for r in (rows if name == "identified" else constant)])
             for name, parameters in models.parameters.items()
         }
         moving = speed(models.task, chunk) >= drop_below

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from os import PathLike
@@ -16,7 +16,7 @@ from stadera.files import written_together
 from stadera.identify.agreement import Agreement
 from stadera.identify.observability import Identifiability
 from stadera.identify.solutions import Estimate
-from stadera.identify.varying import VARYING_UNITS
+from stadera.identify.varying import VARYING_UNITS, VaryingFriction
 from stadera.inertia import ORDER, UNITS, InertialParameters
 from stadera.information import Information
 from stadera.results import Result
@@ -103,6 +103,7 @@ class LegIdentification:
         rmse: by part, model and joint [N·m].
         traces: for plots.
         information: of the training rows, in units of their noise; None if it was not kept.
+        varying: by joint, of those whose friction varies.
         warnings: for the reader of the report, one sentence each.
     """
 
@@ -119,15 +120,23 @@ class LegIdentification:
     traces: tuple[TorqueTrace, ...] = ()
     warnings: tuple[str, ...] = ()
     information: Information | None = None
+    varying: Mapping[str, VaryingFriction] = field(default_factory=dict)
 
     @cached_property
     def parameters(self) -> Mapping[str, Quantity]:
-        """The ten parameters of each link, and the joint terms, by name."""
+        """The ten parameters of each link, and the joint terms, by name; `<joint>.presliding` is the travel over which
+        friction builds up after a reversal, of those joints where it is seen.
+        """
         names, values = self.estimate.columns, self.estimate.values
         priors = np.array([self.model[name] for name in names])
         found = self._quantities(np.eye(len(names)), [unit_of(n) for n in names], values, priors)
         held = {name: replace(q, std=None) for name, q in zip(names, found, strict=True) if name in self.estimate.held}
-        return dict(zip(names, found, strict=True)) | held
+        travels = {
+            f"{joint}.presliding": Quantity(0.0, law.travel, law.travel_std, Identifiability.OBSERVABLE, "rad")
+            for joint, law in self.varying.items()
+            if law.travel
+        }
+        return dict(zip(names, found, strict=True)) | held | travels
 
     @cached_property
     def coms(self) -> Mapping[str, tuple[Quantity, Quantity, Quantity]]:
@@ -243,16 +252,25 @@ class Identification(Result):
         from stadera.robot.export import export_model
 
         with written_together([path]) as (draft,):
-            export_model(self.identified_robot(), draft)
+            export_model(self.identified_robot(), draft, note="\n  ".join((*self.unmeasured(), *self.friction_notes())))
 
     def save_actuators(self, path: str | PathLike[str]) -> None:
         """Writes the drives as YAML for Isaac Lab and mjlab, see `stadera.robot.actuators`."""
         from stadera.files import write_text
         from stadera.robot.actuators import actuators_yaml
 
-        text = actuators_yaml(self.identified_robot(), self.torque_lag, Path(self.source).name)
+        source, notes = Path(self.source).name, self.friction_notes()
+        text = actuators_yaml(self.identified_robot(), self.torque_lag, source, notes)
         with written_together([path]) as (draft,):
             write_text(draft, text)
+
+    def friction_notes(self) -> tuple[str, ...]:
+        """How friction varies, which no format of models can hold; one sentence for each joint where it does."""
+        return tuple(note for leg in self.legs for note in _friction_notes(leg))
+
+    def unmeasured(self) -> tuple[str, ...]:
+        """Which values the logs do not measure, one sentence for each leg."""
+        return tuple(filter(None, map(_unmeasured, self.legs)))
 
     def to_tables(self) -> list[TableData]:
         """Tables of links and joints of each leg, then of the torque errors."""
@@ -283,6 +301,28 @@ def robot_with_legs(robot: Robot, legs: Iterable[LegIdentification]) -> Robot:
             dynamics[joint] = replace(dynamics[joint], **terms)
             std[joint] = _std(leg, joint)
     return replace(robot, inertias=inertias, dynamics=dynamics, dynamics_std=std)
+
+
+def _friction_notes(leg: LegIdentification) -> Iterator[str]:
+    for joint, law in leg.varying.items():
+        found = {name: leg.parameters.get(f"{joint}.{name}") for name in (*VARYING_UNITS, "presliding")}
+        values = ", ".join(f"{n} {q.value:.4g} +- {q.std or 0.0:.2g} {q.unit}" for n, q in found.items() if q)
+        yield f"Friction of {joint} {law.words}, for which this format has no place: {values}."
+
+
+def _unmeasured(leg: LegIdentification) -> str:
+    held = {
+        owner: [
+            name.removeprefix(f"{owner}.")
+            for name, q in leg.parameters.items()
+            if name.startswith(f"{owner}.") and q.is_held
+        ]
+        for owner in (*leg.leg.links, *leg.leg.joints)
+    }
+    listed = "; ".join(f"{owner} {', '.join(names)}" for owner, names in held.items() if names)
+    return (
+        listed and f"Not measured, the model's as far as physical consistency with what was measured allows: {listed}."
+    )
 
 
 def _std(leg: LegIdentification, joint: str) -> JointDynamics:

@@ -8,7 +8,7 @@ controller are not in a log of torques: `stiffness` and `damping` are for the re
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from math import isfinite
 
 import stadera
@@ -20,13 +20,14 @@ _ISAAC = {"armature": "armature", "friction": "coulomb", "dynamic_friction": "co
 _MJLAB = {"armature": "armature", "frictionloss": "coulomb"}
 
 
-def actuators_yaml(robot: Robot, torque_lag: float | None = None, source: str = "") -> str:
+def actuators_yaml(robot: Robot, torque_lag: float | None = None, source: str = "", notes: Sequence[str] = ()) -> str:
     """The text of the file: drives by simulator, and ranges of what was determined.
 
     Args:
         robot: with identified joint dynamics and their standard deviations (`Robot.dynamics_std`).
         torque_lag: delay of the torques [s]; None if unknown.
         source: the log they come from.
+        notes: more comments at the top, a line each.
     """
     joints = robot.tree.joints
     known = {joint: _known(robot, joint) for joint in joints}
@@ -38,6 +39,7 @@ def actuators_yaml(robot: Robot, torque_lag: float | None = None, source: str = 
     ]
     if kept:
         lines += ["# Not determined by the log, the model's value:", *(f"#   {line}" for line in kept)]
+    lines += [f"# {note}" for note in notes]
     delay = "" if torque_lag is None else f"  # torques acted {1e3 * torque_lag:.1f} ms after their stamps"
     named = f"[{', '.join(joints)}]"
     lines += ["", "isaac_lab:", "  class: isaaclab.actuators.DelayedPDActuatorCfg", f"  joint_names_expr: {named}"]
