@@ -118,12 +118,11 @@ def _deviations(
     """Name, deviations and spread of each parameter that a part and the others know better than `known` times the
     prior.
     """
-    parts = [_inside(information, prior) for information in informations]
-    total = reduce(lambda a, b: (a[0] + b[0], a[1] + b[1]), parts)
+    parts = [Information.empty(prior.columns).merge(information) for information in informations]
     values, deviations, seen = [], [], []
-    for A, b in parts:
-        sides = [_estimate(side) for side in ((A, b), (total[0] - A, total[1] - b))]
-        (x1, C1, A1), (x2, C2, A2) = sides
+    for k, part in enumerate(parts):
+        others = reduce(Information.merge, [*parts[:k], *parts[k + 1 :]])
+        (x1, C1, A1), (x2, C2, A2) = _estimate(part, prior), _estimate(others, prior)
         drawn = C1 @ A1 - C2 @ A2
         covariance = C1 @ A1 @ C1 + C2 @ A2 @ C2 + drawn @ drawn.T
         std = _std(prior.root, covariance)
@@ -141,19 +140,13 @@ def _deviations(
     return out
 
 
-def _inside(information: Information, prior: Prior) -> tuple[Array, Array]:
-    """Normal matrix and right side of x, of information on some of the prior's columns."""
-    whole = Information.empty(prior.columns).merge(information)
-    R = whole.R @ prior.root
-    return R.T @ R, R.T @ (whole.z - whole.R @ prior.values)
-
-
-def _estimate(side: tuple[Array, Array]) -> tuple[Array, Array, Array]:
-    """x̂, C and A, of which rounding may not leave negative eigenvalues."""
-    sizes, axes = np.linalg.eigh(side[0])
-    sizes = np.maximum(sizes, 0.0)
-    C = np.asarray((axes / (1.0 + sizes)) @ axes.T, dtype=float)
-    return C @ side[1], C, np.asarray((axes * sizes) @ axes.T, dtype=float)
+def _estimate(information: Information, prior: Prior) -> tuple[Array, Array, Array]:
+    """x̂, C and A of information on the prior's columns, by singular values: the normal matrix of data without noise
+    has half their digits.
+    """
+    U, sizes, Vt = np.linalg.svd(information.R @ prior.root)
+    x = Vt.T @ (sizes / (1.0 + sizes**2) * (U.T @ (information.z - information.R @ prior.values)))
+    return x, (Vt.T / (1.0 + sizes**2)) @ Vt, (Vt.T * sizes**2) @ Vt
 
 
 def _std(root: Array, covariance: Array) -> Array:
