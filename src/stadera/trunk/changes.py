@@ -125,10 +125,11 @@ class Blocks:
             self.rows[:kept], self.sums[: kept + 1] = self.rows[end - kept :], self.sums[end - kept :]
             self.sums[: kept + 1] -= self.sums[0].copy()
             self.end = kept
-        of_force, of_moment = rows.columns[:3, 0], rows.columns[[4, 5, 3], [3, 1, 2]]  # a in the unit of each
-        new = self.rows[self.end]
-        new[0, :-1], new[1:, :-1] = of_force @ rows.columns[:3], skew(of_moment) @ rows.columns[3:]
-        new[0, -1], new[1:, -1] = of_force @ of_force, of_moment @ of_moment
+        A, new = rows.columns, self.rows[self.end]
+        x, y, z = A.item(4, 3), A.item(5, 1), A.item(3, 2)  # a in the unit of moments, as A[:3, 0] is in that of forces
+        new[0, :-1] = A[:3, 0] @ A[:3]
+        new[1:, :-1] = skew((x, y, z)) @ A[3:]
+        new[0, -1], new[1:, -1] = new[0, 0], x * x + y * y + z * z
         self.sums[self.end + 1] = self.sums[self.end] + new
         self.end, self.count = self.end + 1, min(self.count + 1, self._most)
 

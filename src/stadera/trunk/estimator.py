@@ -157,11 +157,9 @@ class TrunkEstimator:
     def add_table(self, table: Array) -> None:
         """The same, of samples given by their `Samples.table`."""
         self._print = crc32(table.tobytes(), self._print)
-        updated = self.settings.updated
         for made in self._front.take(table):
             self._learn(made)
-            blocks = self._history.blocks
-            self._front.ahead = 1 if blocks < updated else min(self._fit.due - blocks, updated - blocks % updated)
+            self._front.ahead = max(self._fit.due - self._history.blocks, 1)
 
     def tare(self) -> None:
         """Makes the present estimate of the trunk the reference for `payload`.
@@ -421,7 +419,7 @@ class TrunkEstimator:
         if made.struck:
             return
         rows = history.add(made.rows, fit.errors.mean)
-        fit.update(history, self._front)
+        updated = fit.update(history, self._front)
         if fit.due - history.blocks == self.settings.updated // 2:  # not in the block that also evaluates the fit
             self._changes.detector.learn(history.aged, fit.errors)
             self._changes.place(history, fit.errors)
@@ -433,7 +431,7 @@ class TrunkEstimator:
         elif found is Found.BACK:
             for load in (each for each in self._changes.ended if each is not history.tare):
                 self._known = tuple(known.of_load(load, None) for known in self._known)
-        self._adopt(now)
+        self._adopt(now, updated)
 
     def _know(self, known: Knowledge) -> None:
         """Takes in what is known from outside, in place of what the same source said before."""
@@ -453,10 +451,9 @@ class TrunkEstimator:
     def _read(self, known: tuple[Knowledge, ...]) -> Reading:
         return Reading(self.robot, self._start, self._history.current, self._fit.errors, known)
 
-    def _adopt(self, time: float) -> None:
-        """Adopts the present estimate of the trunk, unless it is implausible."""
-        since = time if isnan(self._state.since) else self._state.since
-        read, blocks = self._read(self._known), self._history.blocks
+    def _adopt(self, time: float, updated: bool = False) -> None:
+        """Adopts the present estimate of the trunk, unless it is implausible; `updated`: with other model errors."""
+        since, read = time if isnan(self._state.since) else self._state.since, self._read(self._known)
         if complaint := read.complaint(self.bounds):
             self._state = replace(self._state, since=since)
             self._refuse(f"the estimate runs away: {complaint}")
@@ -469,7 +466,7 @@ class TrunkEstimator:
             return
         settled = time - since >= self.settings.settled and misfit <= self.settings.doubtful
         self._state = _State(Status.MOVING, "", time, since, settled)
-        if blocks < self.settings.updated or blocks % self.settings.updated == 0:
+        if updated:
             self._front.shape = read.parameters.inertial
 
     def _refuse(self, reason: str) -> None:

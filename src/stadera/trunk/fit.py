@@ -179,10 +179,10 @@ class ModelFit:
         if swing.air.any():
             self.swing.add(swing.air, swing.terms, swing.rate, swing.residual, np.sqrt(swing.white))
 
-    def update(self, history: History, front: Front) -> None:
-        """Updates p̂, Σ and the fit if it is time to."""
+    def update(self, history: History, front: Front) -> bool:
+        """Updates p̂, Σ and the fit if it is time to, and returns whether it was."""
         if history.blocks < self.due:
-            return
+            return False
         self.due = history.blocks + self._settings.wait(history.blocks)
         rows, layout = history.total, self.model.layout
         usual = Errors(self.model, self.swing, None, rows, layout.by_swing)
@@ -194,6 +194,7 @@ class ModelFit:
         front.know_joints(*(np.array([x[law] for law in laws]) for x in (self.errors.mean, self.errors.std)))
         self.swing_misfit = self.swing.misfit if front.seen >= self._settings.evaluated else None
         self._trust = None
+        return True
 
     @property
     def verdict(self) -> tuple[Verdict, float]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import replace
 from math import exp
 from typing import NamedTuple
 
@@ -180,7 +179,7 @@ class History:
         """Adds a block, and returns its rows with their weight; `errors` are p̂."""
         keep = exp(-made.elapsed / self._settings.memory)
         rows = weighted(made, self._unit, self._of_limbs)
-        rows = replace(rows, weight=self._slides(rows, self.current) * self._robust.weight(rows, self.current, errors))
+        rows = rows.weighing(self._slides(rows, self.current) * self._robust.weight(rows, self.current, errors))
         self.scatter.count(rows, self.aged, errors)
         self._known.append(self.current.add(rows, keep * self._kept(rows, self.current)))
         self.recent.append(rows)
@@ -191,7 +190,7 @@ class History:
             if self._unused < 0:  # weighted by residuals from the present load: the estimate may be of the one before
                 weight = self._slides(rows, loaded) * self._since_tare.weight(rows, loaded, errors)
                 keep *= self._kept(rows, loaded)
-                loaded = loaded.add(replace(rows, weight=weight), keep, remainder=self._places > 0)
+                loaded = loaded.add(rows.weighing(weight), keep, remainder=self._places > 0)
         self._loaded.append(loaded)
         if len(self.recent) > 2 * self._settings.changes.pending:
             self.recent.popleft()
@@ -220,7 +219,7 @@ class History:
         self._set((*self.finished[-3:], before))
         self._begin(self._widened(before, errors), (), None)
         for rows in recent[len(recent) - blocks + spoilt :]:  # weights were those of residuals from the earlier load
-            self.recent.append(replace(rows, weight=self._slides(rows, self.current)))
+            self.recent.append(rows.weighing(self._slides(rows, self.current)))
             self._known.append(self.current.add(self.recent[-1], self._kept(rows, self.current)))
             self._loaded.append(None)
         return known
@@ -246,7 +245,7 @@ class History:
     def _kept(self, rows: WeightedRows, known: Segment) -> float:
         """Weight of what a robot told that has only stood, once it moves."""
         settings = self._settings.outliers
-        return settings.held if known.moves(rows) and known.blocks and not known.moved else 1.0
+        return settings.held if known.blocks and not known.moved and known.moves(rows) else 1.0
 
     def _set(self, finished: tuple[Segment, ...]) -> None:
         self.finished = finished

@@ -36,7 +36,7 @@ from scipy.linalg import lapack
 from stadera.trunk.error_model import QUIETEST, ErrorModel
 from stadera.trunk.placed import Told
 from stadera.trunk.segment import RowSums, Segment
-from stadera.trunk.swing import SwingJoints
+from stadera.trunk.swing import SwingJoints, inverse_of
 from stadera.types import Array
 
 _ROUNDING = 1e-12  # of a variance: errors that are known exactly have a singular covariance
@@ -102,16 +102,15 @@ class Errors:
         v = right - products[:, joints] @ p[joints]
         before = float(rows.in_motion[0, 0] - (right + v) @ p)
         normal, along = root.after(root.after(products[:, learnt]).T), root.after(v[None])[0]
-        square, loud, inverse, found = before, rows.repeats, normal, along
+        square, loud, factor, found = before, rows.repeats, normal, along
         for _ in range(2):  # the second pass uses the first one's residual
             loud = rows.repeats * max(square / (6.0 * rows.weight), QUIETEST)
             system = normal / loud
             system.flat[:: len(system) + 1] += 1.0
-            upper = np.triu(lapack.dpotri(lapack.dpotrf(system)[0])[0])
-            inverse = upper + np.triu(upper, 1).T
-            found = inverse @ along / loud
+            factor = lapack.dpotrf(system)[0]
+            found = lapack.dpotrs(factor, along / loud)[0]
             square = before - float(found @ (2.0 * along - normal @ found))
-        self._loud = loud
+        self._loud, inverse = loud, inverse_of(factor)
         self.mean[learnt] += root.before(found[:, None])[:, 0]
         S = root.before(root.before(inverse).T)
         self.covariance[learnt, learnt] = 0.5 * (S + S.T)

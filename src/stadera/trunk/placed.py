@@ -20,9 +20,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import lapack
 
 from stadera.trunk.error_model import QUIETEST
@@ -167,10 +169,19 @@ _ROUNDING = 1e-12  # of a variance: errors that are known exactly have a singula
 
 
 def folded(triangle: Array, columns: Array, root: float, unknowns: int) -> tuple[Array, Array]:
-    """A triangle [R z G], multiplied by `root`, with the rows [A b C] added, and the rows [b C] that these leave; R and
-    A have so many `unknowns`.
+    """A triangle [R z G], multiplied by `root`, with the rows [A b C] added, and the rows [b C] that these leave, up to
+    an orthogonal matrix; R and A have so many `unknowns`.
     """
-    stacked = np.vstack([root * triangle, columns])
-    factor, scales, _, _ = lapack.dgeqrf(stacked[:, :unknowns])
-    turned = lapack.dormqr("L", "T", factor, scales, stacked[:, unknowns:], 64 * stacked.shape[1])[0]
-    return np.hstack([np.triu(factor[:unknowns]), turned[:unknowns]]), turned[unknowns:]
+    kept = len(triangle)
+    stacked = np.empty((kept + len(columns), triangle.shape[1]), order="F")
+    np.multiply(root, triangle, out=stacked[:kept])
+    stacked[kept:] = columns
+    factor = lapack.dgeqrf(stacked, overwrite_a=True)[0]
+    factor[_below(factor.shape)] = 0.0
+    return factor[:unknowns], factor[unknowns:, unknowns:]
+
+
+@lru_cache(maxsize=64)
+def _below(shape: tuple[int, int]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Places below the diagonal."""
+    return np.tril_indices(shape[0], -1, shape[1])

@@ -72,6 +72,10 @@ class WeightedRows(Equations):
         """From A (6, 10), C (6, errors) and b (6,)."""
         return cls(time, np.hstack([matrix, target[:, None], errors]), white)
 
+    def weighing(self, weight: float) -> WeightedRows:
+        """The same with another weight."""
+        return WeightedRows(self.time, self.columns, self.white, weight, self.sliding, self.limbs)
+
 
 @dataclass(frozen=True, eq=False)
 class RowMoments:
@@ -93,8 +97,8 @@ class RowMoments:
         """With one more block and its columns of static friction (6, joints), the weight of everything before it
         multiplied by `keep`.
         """
-        a = rows.columns[:3, 0]
-        own = np.concatenate([[1.0], a, np.outer(a, a).ravel(), stiction.ravel()])
+        a, own = rows.columns[:3, 0], np.empty_like(self.values)
+        own[0], own[1:4], own[4:13], own[13:] = 1.0, a, np.multiply.outer(a, a).ravel(), stiction.ravel()
         return RowMoments(keep * self.values + rows.weight * own)
 
     def follows_motion(self, covariance: Array, length: float) -> Array:
@@ -274,7 +278,7 @@ class Segment:
     @property
     def inverse(self) -> Array:
         """R⁻¹, (10, 10); (10, more) with a load elsewhere."""
-        return self._solved[0]
+        return self._inverse if self._load is None else self._load.trunk.inverse
 
     @property
     def sensitivity(self) -> Array:
@@ -284,21 +288,27 @@ class Segment:
     @property
     def solution(self) -> Array:
         """R⁻¹ z and K, (10, 1 + errors)."""
-        return self._solved[1]
+        return self._solution if self._load is None else self._load.trunk.solution
 
     def mean(self, errors: Array) -> Array:
         """θ̂ (10,), given errors p̂ (errors,)."""
-        last = self.__dict__.get("_mean")
-        if last is None or last[0] is not errors:
-            last = self.__dict__["_mean"] = errors, self.solution[:, 0] - self.sensitivity @ errors
-        return np.asarray(last[1])
+        return -self.combination(errors)[:10]
 
     def combination(self, errors: Array) -> Array:
         """Factors of a block's columns whose sum is its residual b - A θ̂ - C p - Y φ̂, given errors p (errors,)."""
-        loads = np.zeros(len(self.below))
-        if self._load is not None:
-            loads[self._load.columns] = self._load.load.mean(errors)
-        return np.concatenate([-self.mean(errors), [1.0], -errors, -loads])
+        last = self.__dict__.get("_combination")
+        if last is None or last[0] is not errors:
+            last = self.__dict__["_combination"] = errors, self._combined(errors)
+        return np.asarray(last[1])
+
+    def _combined(self, errors: Array) -> Array:
+        out, end = np.zeros(self.triangle.shape[1]), 11 + self.layout.count
+        out[10], out[11:end] = 1.0, -errors
+        if self._load is None:
+            out[:10] = -self.inverse @ (self.triangle[:, 10:end] @ out[10:end])
+        else:
+            out[:10], out[end + self._load.columns] = -self._load.trunk.mean(errors), -self._load.load.mean(errors)
+        return out
 
     def by_errors(self, columns: Array) -> Array:
         """What errors do to the residual of rows (..., columns): C - A K - Y K_φ, (..., errors)."""
@@ -309,11 +319,12 @@ class Segment:
         return np.asarray(moved)
 
     @cached_property
-    def _solved(self) -> tuple[Array, Array]:
-        if self._load is not None:
-            return self._load.trunk.inverse, self._load.trunk.solution
-        inverse = lapack.dtrtri(self.triangle[:, :10])[0]
-        return inverse, inverse @ self.triangle[:, 10 : 11 + self.layout.count]
+    def _inverse(self) -> Array:
+        return np.asarray(lapack.dtrtri(self.triangle[:, :10])[0])
+
+    @cached_property
+    def _solution(self) -> Array:
+        return np.asarray(self._inverse @ self.triangle[:, 10 : 11 + self.layout.count])
 
 
 def _summed(residues: list[Array], scale: float, known: Array | None, width: int) -> Array:

@@ -54,7 +54,7 @@ class SwingJoints:
         self._expected, self._loud = np.zeros(count), np.inf
         self._joints = np.zeros((3, layout.joints))
         self._averaged, self._average, self.stepped = self._joints
-        self._one, self._found = np.ones(count), None  # type: Array, tuple[Array, Array] | None
+        self._found: tuple[Array, Array, float] | None = None
 
     def add(self, air: Bools, terms: Array, rate: Array, residual: Array, white: Array) -> None:
         """Adds one block.
@@ -105,7 +105,7 @@ class SwingJoints:
     @property
     def information(self) -> tuple[Array, Array]:
         """Normal matrix (count, count) and right side (count,) of the rows, in units of what repeats."""
-        _, _, loud = self._least_squares(self._one)
+        _, _, loud = self._usual
         return self._normal / loud, self._right / loud
 
     def posterior(self, scale: Array | None = None) -> tuple[Array, Array]:
@@ -114,30 +114,34 @@ class SwingJoints:
         Args:
             scale: factors (count,) on the prior's standard deviations; None for one.
         """
-        if scale is not None:
-            return self._least_squares(scale)[:2]
-        if self._found is None:
-            self._found = self._usual()
-        return self._found
+        return (self._usual if scale is None else self._least_squares(scale))[:2]
 
-    def _usual(self) -> tuple[Array, Array]:
-        mean, covariance, loud = self._least_squares(self._one)
+    @property
+    def _usual(self) -> tuple[Array, Array, float]:
+        """Mean, covariance and variance of what repeats, with the errors at their prior size."""
+        if self._found is not None:
+            return self._found
+        mean, _, loud = self._found = self._least_squares(np.ones(len(self._right)))
         loud, count = loud / self._settings.repeated, len(mean)
         if self.rows > 2 * count and self._loud == np.inf:  # compared with the log's beginning
             self._expected, self._loud = mean, _STEP_WILD**2 * loud
         if self.rows > _ENOUGH * count:
             self._last, self._limit_square = mean, _WILD**2 * loud
-        return mean, covariance
+        return self._found
 
     def _least_squares(self, scale: Array) -> tuple[Array, Array, float]:
-        loud, prior, mean = self._settings.repeated, self._prior / np.outer(scale, scale), self._right
-        covariance = prior
+        loud, prior, mean = self._settings.repeated, self._prior / np.multiply.outer(scale, scale), self._right
+        factor = prior
         for _ in range(2):  # the second pass uses the first one's residual
-            information = self._normal / loud + prior
-            upper = np.triu(lapack.dpotri(lapack.dpotrf(information)[0])[0])
-            covariance = upper + np.triu(upper, 1).T
-            mean = covariance @ self._right / loud
+            factor = lapack.dpotrf(self._normal / loud + prior)[0]
+            mean = lapack.dpotrs(factor, self._right / loud)[0]
             if self.rows > len(mean):
                 square = self._square - mean @ (2.0 * self._right - self._normal @ mean)
                 loud = self._settings.repeated * max(float(square) / self.rows, _QUIETEST)
-        return np.asarray(mean), np.asarray(covariance), loud
+        return np.asarray(mean), inverse_of(factor), loud
+
+
+def inverse_of(factor: Array) -> Array:
+    """The inverse of a symmetric matrix (n, n), given its Cholesky factor, the upper triangle."""
+    upper = np.triu(lapack.dpotri(factor)[0])
+    return np.asarray(upper + np.triu(upper, 1).T)
