@@ -82,7 +82,7 @@ def hyq_log() -> Recording:
 
 def signals(log: Recording, joints: tuple[str, ...]) -> Signals:
     """Filtered without a shift in time at the cut-off that the log suggests, differentiated."""
-    chosen = Preprocessing(cutoff_hz=suggest_cutoff(log), drop_below=0.0)
+    chosen = Preprocessing(cutoff_hz=suggest_cutoff(log))
     done = preprocess(log, chosen, joints)
     assert done.effort is not None
     return Signals(done.time, done.position, done.velocity, done.acceleration, done.effort)

@@ -23,7 +23,7 @@ def late(recording: Recording, delay: float) -> Recording:
 
 
 def found(recording: Recording, cutoff: float | None = 25.0, search: LagSettings | None = None) -> float:
-    settings = Preprocessing(cutoff, drop_below=0.0)
+    settings = Preprocessing(cutoff)
     stretches = list(preprocess_stream([recording], settings, recording.joints))
     return estimate_lag(stretches, [leg_regressor(hyq(), friction=True)], UP, search).value
 

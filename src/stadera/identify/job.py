@@ -180,7 +180,7 @@ def prepare(robot: Robot, logs: Sequence[Log], settings: IdentifySettings, progr
         progress("estimating the torque lag", 1, 1)
     if rows_cutoff is not None:
         notes += (f"equations filtered at {rows_cutoff:g} Hz, thinned to twice that",)
-    preprocessing = Preprocessing(cutoff, drop_below=0.0, effort_delay=lag)
+    preprocessing = Preprocessing(cutoff, effort_delay=lag)
     noise, size = torque_sizes(beginnings, joints, rows_cutoff)
     return Job(
         robot=robot,
@@ -320,7 +320,7 @@ def _estimated_lag(
     if cutoff is not None:
         cutoff = min(asked.signals.lag_cutoff, *(highest_cutoff(r) for r in recordings))
     joints = tuple(joint for task in tasks for joint in task.leg.joints)
-    settings = Preprocessing(cutoff, drop_below=0.0)
+    settings = Preprocessing(cutoff)
     stretches = [p for r in recordings for p in preprocess_stream([r], settings, joints) if len(p)]
     search = asked.signals.lag
     lag = estimate_lag(stretches, [task.regressor for task in tasks], vertical.up, search)

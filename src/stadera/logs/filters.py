@@ -22,7 +22,7 @@ from scipy.special import chdtri
 
 from stadera.errors import RecordingError
 from stadera.logs.recording import Recording
-from stadera.logs.sampling import GAP_FACTOR, Block, Sampling, resampled, sampling_of, segments, windows
+from stadera.logs.sampling import Block, Sampling, resampled, sampling_of, segments, windows
 from stadera.types import Array
 
 RATES_PER_CUTOFF = 8.0
@@ -200,7 +200,7 @@ def suggest_cutoff(
     """
     if recording.acceleration is not None:
         return None
-    sampling = sampling_of(recording.time, tolerance=0.01, gap_factor=GAP_FACTOR, source=recording.source)
+    sampling = sampling_of(recording.time, recording.source)
     position = recording.channel("position", tuple(joints) if joints is not None else recording.joints).T
     blocks = segments([(recording.time, position)], sampling)
     longest = max(blocks if sampling.even else resampled(blocks, sampling.period), key=lambda block: len(block.time))
@@ -211,7 +211,7 @@ def suggest_cutoff(
 
 def highest_cutoff(recording: Recording) -> float:
     """The highest cut-off that the recording's sampling rate allows [Hz]."""
-    rate_hz = sampling_of(recording.time, tolerance=0.01, gap_factor=GAP_FACTOR, source=recording.source).rate_hz
+    rate_hz = sampling_of(recording.time, recording.source).rate_hz
     return rate_hz / RATES_PER_CUTOFF
 
 

@@ -1,21 +1,20 @@
-"""Prepares a log for regressors: even sampling, filtering, differentiation, removal of samples at rest.
+"""Prepares a log for regressors: even sampling, filtering, differentiation.
 
-After section IV.B of Tournois et al. (IROS 2017): all variables go through one zero-delay low-pass filter, and samples
-with all joints at rest are removed (their friction is undetermined). Reading in chunks gives the same result as reading
-the whole log.
+After section IV.B of Tournois et al. (IROS 2017): all variables go through one zero-delay low-pass filter. Reading in
+chunks gives the same result as reading the whole log.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
 from stadera.errors import RecordingError
 from stadera.logs.filters import apply, kernels
 from stadera.logs.recording import Recording, concatenate
-from stadera.logs.sampling import GAP_FACTOR, HEAD, Block, resampled, sampling_of, segments, windows
+from stadera.logs.sampling import HEAD, Block, resampled, sampling_of, segments, windows
 from stadera.types import Array
 
 LONGEST_DELAY = 0.2
@@ -29,35 +28,18 @@ class Preprocessing:
     # -3 dB frequency of the low-pass filter [Hz]. None for no filter: recorded velocities and accelerations are used
     # unchanged, and missing ones are computed by central differences.
     cutoff_hz: float | None
-    drop_below: float = 0.01  # samples with all joint velocities below this are removed [rad/s]; 0 keeps all
-    # with a filter, the signal that is differentiated: "position" (for velocity and acceleration) or "velocity" (for
-    # the acceleration)
-    derive_from: Literal["position", "velocity"] = "position"
     # delay of the effort at the joint relative to its stamp [s]: positive for commands that reach the motor late,
     # negative for sensors that report late
     effort_delay: float = 0.0
-    # "auto" resamples a log with uneven stamps to an even grid; or "always", "never"
-    resample: Literal["auto", "always", "never"] = "auto"
-    tolerance: float = 0.01  # largest deviation of an even log's steps, as a share of a period
-    gap_factor: float = GAP_FACTOR  # number of periods above which a step is a gap
 
     def __post_init__(self) -> None:
         """Validates the settings."""
         if self.cutoff_hz is not None and not (np.isfinite(self.cutoff_hz) and self.cutoff_hz > 0):
             raise RecordingError(f"cut-off needs to be above 0 Hz, got {self.cutoff_hz:g}")
-        if not self.drop_below >= 0:
-            raise RecordingError(f"drop_below needs to be at least 0 rad/s, got {self.drop_below:g}")
-        for name, valid in (("derive_from", ("position", "velocity")), ("resample", ("auto", "always", "never"))):
-            if getattr(self, name) not in valid:
-                raise RecordingError(f"unknown {name} {getattr(self, name)!r}; valid: {', '.join(valid)}")
         if not abs(self.effort_delay) <= LONGEST_DELAY:
             raise RecordingError(
                 f"effort_delay needs to be within {LONGEST_DELAY:g} s either way, got {self.effort_delay:g}"
             )
-        if not 0 < self.tolerance < 0.5:
-            raise RecordingError(f"tolerance needs to be between 0 and 0.5 periods, got {self.tolerance:g}")
-        if not self.gap_factor > 1:
-            raise RecordingError(f"gap factor needs to be above 1, got {self.gap_factor:g}")
 
 
 @dataclass(frozen=True)
@@ -68,18 +50,11 @@ class PreprocessingReport:
     cutoff_hz: float | None  # -3 dB [Hz], None where not filtered
     resampled: bool  # True if values were interpolated to an even grid
     window: int  # samples that the filter and the differences need for each output sample
-    drop_below: float  # threshold of rest [rad/s]
     effort_delay: float = 0.0  # by which the effort was shifted [s]
     samples_in: int = 0  # samples read
     segments: int = 0  # stretches without a gap
     short_segments: int = 0  # segments shorter than the filter's window, which were dropped
-    filtered: int = 0  # samples after filtering, before removal of those at rest
-    at_rest: int = 0  # samples removed because all joints were slower than the threshold
-
-    @property
-    def samples_out(self) -> int:
-        """Samples of the result."""
-        return self.filtered - self.at_rest
+    samples_out: int = 0  # samples of the result
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -103,8 +78,6 @@ class PreprocessingReport:
         if self.window > 1:
             edge = self.window // 2
             notes.append(f"trimmed {edge} samples ({edge / self.rate_hz:.3g} s) at both ends of every segment")
-        if self.at_rest:
-            notes.append(f"dropped {self.at_rest} samples with all joints below {self.drop_below:g} rad/s")
         notes.append(f"{self.samples_out} of {self.samples_in} samples at {self.rate_hz:.6g} Hz are left")
         return tuple(notes)
 
@@ -115,7 +88,7 @@ class Processed:
     chunk covers the whole log.
     """
 
-    time: Array  # (samples,) [s]; steps are uneven where samples were dropped
+    time: Array  # (samples,) [s]; even except at gaps
     joints: tuple[str, ...]
     # position, velocity, acceleration: (samples, n) [rad, rad/s, rad/s²]
     position: Array
@@ -167,18 +140,15 @@ class _Pass:
         self.channels = ["position"]
         if settings.cutoff_hz is None:
             self.channels += [name for name in ("velocity", "acceleration") if getattr(head, name) is not None]
-        elif settings.derive_from == "velocity":
-            self.channels.append("velocity")
         if head.effort is not None:
             self.channels.append("effort")
-        even = {"auto": None, "always": False, "never": True}[settings.resample]
-        self.sampling = sampling_of(head.time, settings.tolerance, settings.gap_factor, even, head.source)
+        self.sampling = sampling_of(head.time, head.source)
         derivatives = not {"velocity", "acceleration"} <= set(self.channels)
         rate_hz, delay = self.sampling.rate_hz, settings.effort_delay
         self.window = kernels(rate_hz, settings.cutoff_hz, derivatives=derivatives, delay=delay)
         self.notes: dict[str, None] = {}
         self.report = PreprocessingReport(
-            rate_hz, settings.cutoff_hz, not self.sampling.even, 2 * self.window.half + 1, settings.drop_below, delay
+            rate_hz, settings.cutoff_hz, not self.sampling.even, 2 * self.window.half + 1, delay
         )
 
     def over(self, chunks: Iterable[Recording]) -> Iterator[Processed]:
@@ -188,13 +158,9 @@ class _Pass:
             blocks = resampled(blocks, self.sampling.period)
         pending: Processed | None = None
         for block in windows(self._counted(blocks), self.window.half):
-            result = self._moving(self._differentiated(block))
-            if len(result):
-                if pending is not None:
-                    yield pending
-                pending = result
-            elif pending is None or not len(pending):
-                pending = result  # nothing moves so far: an empty result still carries the report
+            if pending is not None:
+                yield pending
+            pending = self._differentiated(block)
         if pending is None:
             window, found = self.report.window, self.report.segments
             raise RecordingError(
@@ -222,7 +188,7 @@ class _Pass:
             self._count(segments=block.start, short_segments=block.end and samples < self.report.window)
             yield block
 
-    def _differentiated(self, block: Block) -> dict[str, Array]:
+    def _differentiated(self, block: Block) -> Processed:
         """Every channel filtered; velocity and acceleration by the derivative kernels if they are not recorded."""
         window = self.window
         raw = dict(zip(self.channels, np.split(block.values, len(self.channels)), strict=True))
@@ -232,13 +198,7 @@ class _Pass:
         if "acceleration" not in raw:
             kernel, source = (window.first, "velocity") if "velocity" in raw else (window.second, "position")
             out["acceleration"] = apply(kernel, raw[source])
-        return out | {"time": block.time[window.half : len(block.time) - window.half]}
-
-    def _moving(self, signals: dict[str, Array]) -> Processed:
-        """The samples at which some joint moves."""
-        moving = np.any(np.abs(signals["velocity"]) >= self.settings.drop_below, axis=0)
-        self._count(filtered=len(moving), at_rest=int(np.count_nonzero(~moving)))
-        if not moving.all():
-            signals = {name: values[..., moving] for name, values in signals.items()}
-        channels: dict[str, Any] = {"effort": None, **{name: values.T for name, values in signals.items()}}
-        return Processed(joints=self.joints, report=self.report, source=self.source, **channels)
+        self._count(samples_out=len(out["position"].T))
+        channels: dict[str, Any] = {"effort": None, **{name: values.T for name, values in out.items()}}
+        time = block.time[self.window.half : len(block.time) - self.window.half]
+        return Processed(time, self.joints, report=self.report, source=self.source, **channels)

@@ -42,17 +42,16 @@ class Sampling:
 
 def sampling_of(
     time: Array,
-    tolerance: float,
-    gap_factor: float,
-    even: bool | None = None,
     source: str = "recording",
+    tolerance: float = 0.01,
+    gap_factor: float = GAP_FACTOR,
     even_share: float = 0.999,
 ) -> Sampling:
     """Determines the sampling of a log from its first HEAD time stamps; RecordingError for fewer than two.
 
     Args:
         time: (samples,) [s], increasing. source: of the log, for messages.
-        tolerance, gap_factor: see Sampling. even: True or False to override the stamps.
+        tolerance, gap_factor: see Sampling.
         even_share: share of even steps in an even log; the few others split it instead of causing interpolation.
     """
     steps = np.diff(time[:HEAD])
@@ -60,8 +59,7 @@ def sampling_of(
         raise RecordingError(f"{source}: too few samples: {len(time)}, at least 2 are needed")
     median = float(np.median(steps))
     alike = np.abs(steps - median) <= tolerance * median
-    if even is None:
-        even = float(alike.mean()) >= even_share
+    even = float(alike.mean()) >= even_share
     period = float(steps[alike if even else steps <= gap_factor * median].mean())
     return Sampling(period, even, tolerance, gap_factor)
 
