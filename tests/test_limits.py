@@ -95,7 +95,7 @@ BOMBS: dict[str, Callable[[Path], Path]] = {
 def test_what_unpacks_to_more_than_allowed_is_refused(tmp_path: Path, name: str) -> None:
     path = BOMBS[name](tmp_path)
     with pytest.raises(LimitError, match=rf"{path.name}.* unpacks to: .*--limit unpacked=.* raises"):
-        read(limited(path, Limits(unpacked=5e5)))
+        read(limited(path, Limits(unpacked=5e5, ratio=1.0)))
 
 
 def test_the_default_limits_hold_by_themselves(tmp_path: Path) -> None:

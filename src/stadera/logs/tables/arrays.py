@@ -1,4 +1,4 @@
-"""Reads named arrays as a table: NumPy's .npz, row by row, and MATLAB's .mat.
+"""Reads named arrays as a table: NumPy's .npz and MATLAB's .mat.
 
 An array of shape (samples,) is a column. One of shape (samples, k) is k columns: of the joints that the array `joints`
 names for position, velocity, acceleration, effort and their desired values; x, y, z (w) for an IMU's vectors and a
@@ -8,8 +8,7 @@ foot's force; else they are numbered, name[0] to name[k-1]. Pickled objects are 
 import subprocess
 import sys
 import zipfile
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import ExitStack
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -25,7 +24,6 @@ from stadera.logs.batches import Batch, rows_at_once
 from stadera.logs.columns import CHANNELS
 from stadera.logs.tables.rows import OpenTable, TableReader
 from stadera.logs.topics import DESIRED
-from stadera.types import Array
 
 _AXES = {"angular_velocity": "xyz", "linear_acceleration": "xyz", "force": "xyz", "orientation": "xyzw"}
 _JOINTS = "joints"
@@ -64,7 +62,7 @@ def _split(name: str, width: int, joints: Sequence[str]) -> list[str]:
 
 
 class NpzTable(TableReader):
-    """Reads NumPy's .npz, with memory independent of its length for arrays in C order."""
+    """Reads NumPy's .npz, unpacked on disk while it is read, with memory independent of its length."""
 
     name = "NumPy table"
     suffixes = (".npz",)
@@ -79,7 +77,11 @@ class NpzTable(TableReader):
     def opened(self, budget: Budget) -> OpenTable:
         """See `TableReader`."""
         columns = _npz_columns(budget)
-        return OpenTable(tuple(columns), lambda names, rows: _npz_batches([columns[n] for n in names], budget))
+
+        def batches(names: tuple[str, ...], rows: int | None) -> Iterator[Batch]:
+            return _batches(_npz_arrays({columns[name].array for name in names}, budget), columns, names, budget.path)
+
+        return OpenTable(tuple(columns), batches)
 
 
 class MatTable(TableReader):
@@ -99,40 +101,39 @@ class MatTable(TableReader):
         shapes = {name: array.shape for name, array in arrays.items() if array.dtype.kind in _NUMBERS}
         columns = columns_of_arrays(shapes, joints, budget)
 
-        def whole(names: tuple[str, ...], rows: int | None) -> list[Batch]:
-            values = {name: _column(arrays[columns[name].array], columns[name].index) for name in names}
-            _check_lengths({name: len(value) for name, value in values.items()}, str(budget.path))
-            return [_batch(np.stack(tuple(values.values())))]
-
-        return OpenTable(tuple(columns), whole)
+        return OpenTable(tuple(columns), lambda names, rows: _batches(arrays, columns, names, budget.path))
 
 
-def _batch(values: Array) -> Batch:
-    """Makes a batch; NaN marks a blank cell, since arrays have no other mark."""
-    blank = np.isnan(values)
-    return Batch(values, blank if blank.any() else None)
-
-
-def _column(array: NDArray[Any], index: int | None) -> Array:
-    array = np.squeeze(array)
-    if index is not None:
-        array = array[:, index] if array.shape[0] >= array.shape[1] else array[index]
-    return array.astype(np.float64)
-
-
-def _check_lengths(lengths: Mapping[str, int], path: str) -> None:
-    (first, samples), *others = lengths.items()
+def _batches(
+    arrays: Mapping[str, NDArray[Any]], columns: Mapping[str, Column], names: Sequence[str], path: Path
+) -> Iterator[Batch]:
+    """The named columns, some rows at a time; NaN marks a blank cell, since arrays have no other mark."""
+    found = {name: _column(arrays[columns[name].array], columns[name].index) for name in names}
+    (first, samples), *others = ((name, len(column)) for name, column in found.items())
     if wrong := next(((name, length) for name, length in others if length != samples), None):
         raise RecordingError(f"{path}: {wrong[0]!r} has {wrong[1]} values, {first!r} has {samples}; both need as many")
+    count = min(16384, rows_at_once(len(names)))
+    for start in range(0, samples, count):
+        values = np.array([column[start : start + count] for column in found.values()], dtype=np.float64)
+        blank = np.isnan(values)
+        yield Batch(values, blank if blank.any() else None)
+
+
+def _column(array: NDArray[Any], index: int | None) -> NDArray[Any]:
+    """A view of one column; samples are along the longer side."""
+    array = np.squeeze(array)
+    if index is None:
+        return array.reshape(-1)
+    return array[:, index] if array.shape[0] >= array.shape[1] else array[index]
 
 
 # -- NumPy ------------------------------------------------------------------------------------------------------------
-def _read_header(file: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
-    """Shape, whether the order is Fortran's, and type of the numbers of an array."""
+def _read_header(file: IO[bytes]) -> tuple[tuple[int, ...], np.dtype[Any]]:
+    """Shape of an array, and type of its numbers."""
     version = np.lib.format.read_magic(file)  # type: ignore[no-untyped-call]
     read: Any = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
-    shape, fortran, dtype = read(file)
-    return shape, fortran, dtype
+    shape, _, dtype = read(file)
+    return shape, dtype
 
 
 def _npz_columns(budget: Budget) -> dict[str, Column]:
@@ -143,7 +144,7 @@ def _npz_columns(budget: Budget) -> dict[str, Column]:
         for member in archive.namelist():
             name = member.removesuffix(".npy")
             with archive.open(member) as file:
-                shape, _, dtype = _read_header(file)
+                shape, dtype = _read_header(file)
             if dtype.hasobject:
                 raise RecordingError(
                     f"{path}: array {name!r} holds pickled objects, which can run any code and are not read; save it "
@@ -158,39 +159,16 @@ def _npz_columns(budget: Budget) -> dict[str, Column]:
     return columns_of_arrays(shapes, joints, budget)
 
 
-class _Member:
-    """One array of an archive, read sequentially."""
-
-    def __init__(self, archive: zipfile.ZipFile, name: str, stack: ExitStack, budget: Budget) -> None:
-        self._file = stack.enter_context(archive.open(f"{name}.npy"))
-        shape, fortran, self._dtype = _read_header(self._file)
-        sizes = [size for size in shape if size != 1] or [1]
-        self.samples, self.width = max(sizes), min(sizes) if len(sizes) == 2 else 1
-        self._whole: NDArray[Any] | None = None
-        if len(sizes) == 2 and (fortran or sizes[0] < sizes[1]):  # a sample's values are not contiguous
-            budget.require_unpacked(archive.getinfo(f"{name}.npy").file_size, "an array")
-            array = np.frombuffer(self._file.read(), self._dtype).reshape(sizes, order="F" if fortran else "C")
-            self._whole = array if sizes[0] >= sizes[1] else array.T
-
-    def rows(self, first: int, count: int) -> NDArray[Any]:
-        """Reads the next samples, (count, width)."""
-        if self._whole is not None:
-            return self._whole[first : first + count]
-        count = min(count, self.samples - first)
-        data = self._file.read(count * self.width * self._dtype.itemsize)
-        return np.frombuffer(data, self._dtype).reshape(count, self.width)
-
-
-def _npz_batches(columns: Sequence[Column], budget: Budget) -> Iterator[Batch]:
-    path = budget.path
-    with foreign(path, _DAMAGED_NPZ), ExitStack() as stack:
-        archive = stack.enter_context(zipfile.ZipFile(path))
-        members = {name: _Member(archive, name, stack, budget) for name in dict.fromkeys(c.array for c in columns)}
-        _check_lengths({name: member.samples for name, member in members.items()}, str(path))
-        count = min(16384, rows_at_once(sum(member.width for member in members.values())))
-        for first in range(0, members[columns[0].array].samples, count):
-            rows = {name: member.rows(first, count) for name, member in members.items()}
-            yield _batch(np.array([rows[c.array][:, c.index or 0] for c in columns], dtype=np.float64))
+def _npz_arrays(names: Collection[str], budget: Budget) -> dict[str, NDArray[Any]]:
+    """Maps arrays of an archive into memory. Their files are deleted at once, and the space is free with the arrays."""
+    path, found = budget.path, dict[str, NDArray[Any]]()
+    with foreign(path, _DAMAGED_NPZ), zipfile.ZipFile(path) as archive, TemporaryDirectory() as folder:
+        if (size := sum(archive.getinfo(f"{name}.npy").file_size for name in names)) > budget.most_bytes:
+            budget.require_unpacked(size, "the archive")
+        for name in names:
+            file = archive.extract(f"{name}.npy", folder)
+            found[name] = np.load(file, mmap_mode="r", allow_pickle=False)
+    return found
 
 
 # -- MATLAB -----------------------------------------------------------------------------------------------------------
