@@ -171,7 +171,15 @@ def test_report_is_one_page_with_the_balance(run: Run, loading: Path, tmp_path: 
         run("weigh", loading, "--robot", "hyq", *REST, "--tare", "0:2.5", "--truth", known, "--report", page).code == 0
     )
     html = page.read_text()
-    for said in ("The balance", "support polygon", "LF", "centre of pressure", "truth", "Mass over time", "8."):
+    for said in (
+        "from above, enlarged",
+        "support polygon",
+        "LF",
+        "centre of pressure",
+        "truth",
+        "Mass over time",
+        "8.",
+    ):
         assert said in html
     assert "<link" not in html
     assert 'src="http' not in html

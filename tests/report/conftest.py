@@ -17,7 +17,7 @@ from stadera.robot import Robot, load_robot
 from stadera.trunk.load import LoadChange, Payload
 from stadera.trunk.result import TrunkParameters
 from stadera.trust import Trust
-from stadera.weigh.result import Balance, Refusal, Timeline, Vertical, Weighing
+from stadera.weigh.result import Balance, Refusal, Stance, Timeline, Vertical, Weighing
 
 NOISE = 0.1  # N·m
 
@@ -51,6 +51,7 @@ def result() -> Identification:
     return replace(found, legs=(warned,), warnings=("2 % of the torques are at the joint's limit",))
 
 
+POSTURE = np.tile([0.0, 0.7, -1.4], 4)  # rad, feet below the hips
 BOX = InertialParameters.from_com(8.0, [-0.2, 0.1, 0.15], [[0.3, 0.04, -0.02], [0.04, 0.5, 0.01], [-0.02, 0.01, 0.6]])
 
 
@@ -87,6 +88,7 @@ def weighed() -> Weighing:
         10.0,
         (0.004, 0.001),
         notes=("the IMU is at the trunk's origin",),
+        stance=Stance(np.eye(3), POSTURE),
     )
 
 
@@ -98,7 +100,9 @@ def rested(weighed: Weighing) -> Weighing:
     trunk = TrunkParameters(prior, np.diag(std**2), np.full(6, np.nan), np.array([*[True] * 3, *[False] * 7]))
     feet = np.array([[0.37, 0.2, -0.6], [0.37, -0.2, -0.6], [-0.37, 0.2, -0.6], [-0.37, -0.2, -0.6]])
     force, stance = np.array([200.0, 210.0, 190.0, 180.0]), np.ones(4, dtype=bool)
-    balance = Balance(np.eye(3), feet, stance, force, force @ feet[:, :2] / force.sum(), np.array([0.02, 0.01]))
+    balance = Balance(
+        np.eye(3), POSTURE, feet, stance, force, force @ feet[:, :2] / force.sum(), np.array([0.02, 0.01])
+    )
     return replace(
         weighed,
         method="contact",

@@ -157,7 +157,7 @@ def test_a_paper_s_figure_shows_the_values() -> None:
 def test_wrong_suffix_wrong_name_and_no_matplotlib(weighed, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(StaderaError, match=r"f\.jpeg: a figure is written as one of \.pdf, \.png, \.svg"):
         weighed.save_figure(tmp_path / "f.jpeg")
-    with pytest.raises(UnknownNameError, match="unknown figure 'balanse'; valid: payload, mass, convergence"):
+    with pytest.raises(UnknownNameError, match="unknown figure 'balanse'; valid: payload, mass, balance, convergence"):
         weighed.plot("balanse")
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     with pytest.raises(MissingExtraError, match=r"stadera\[figures\]"):

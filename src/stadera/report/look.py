@@ -15,12 +15,19 @@ COLOURS: dict[str, tuple[str, str]] = {
     "red": ("#b3261e", "#ff8478"),
     "purple": ("#8a4fbf", "#c79bf0"),
     "amber": ("#8a5a00", "#f0c35a"),
+    "shell": ("#4a5666", "#8fa0b5"),
+    "limb": ("#b4bdc9", "#aab6c6"),
+    "drive": ("#39434f", "#56616f"),
+    "foot": ("#15191e", "#15191e"),
+    "box": ("#e0902f", "#e0902f"),
     "green-tint": ("#e9f6ee", "#173324"),
     "gray-tint": ("#f0f2f4", "#262d36"),
     "red-tint": ("#fcecea", "#3d1f1d"),
     "amber-tint": ("#fff6e0", "#3a2f14"),
 }
-"""By name, on white and on black; text colours have a contrast of 4.5 or more to `paper` (WCAG 2.2, AA)."""
+"""By name, on white and on black; shell to box are a robot's parts and its load, in figures and in the demo. Text
+colours have a contrast of 4.5 or more to `paper` (WCAG 2.2, AA).
+"""
 
 ROLES: dict[str, str] = {
     "measured": "ink",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import floor, isfinite, log10
 
 
@@ -16,6 +17,11 @@ def number(value: float, digits: int = 4, without: str = "none") -> str:
     if -4 < exponent < 6:
         return _minus(f"{value:.{max(digits - 1 - exponent, 0)}f}")
     return f"{_minus(mantissa)}·10{_superscript(exponent)}"
+
+
+def fixed(value: float, decimals: int) -> str:
+    """Formats a number with so many decimals; zero has no sign."""
+    return _minus(f"{round(value, decimals) + 0.0:.{decimals}f}")
 
 
 def with_std(value: float, std: float) -> str:
@@ -59,6 +65,12 @@ def compared(new: float, old: float, words: tuple[str, str] = ("better", "worse"
 def counted(count: int, noun: str) -> str:
     """A number of things, as "1 log" and "2 logs"."""
     return f"{count:,} {noun}{'' if count == 1 else 's'}"
+
+
+def listed(words: Sequence[str]) -> str:
+    """Words as "a, b and c"."""
+    *first, last = words
+    return f"{', '.join(first)} and {last}" if first else last
 
 
 def _minus(text: str) -> str:

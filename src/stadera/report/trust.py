@@ -32,14 +32,19 @@ def trust_text(trust: Trust, reasons: bool = True) -> str:
 
 
 def trust_reasons(trust: Trust) -> str:
-    """Basis of the verdict, as sentences: how large the residuals are, and the reasons."""
+    """Basis of the verdict, as sentences: how well model and log agree, and the reasons."""
     said = [f"{reason[:1].upper()}{reason[1:]}." for reason in trust.reasons]
     if isfinite(trust.misfit):
         ratio = trust.misfit**0.5
-        size = f"{number(ratio, 2)} times" if ratio > 1.1 else f"{number(100.0 * ratio, 2)} % of"
-        size = "as large as" if 0.9 <= ratio <= 1.1 else size
-        said.insert(0, f"Residuals are {size} the stated noise (misfit {number(trust.misfit, 3)}).")
+        size = "smaller than" if ratio < 0.9 else "as large as" if ratio <= 1.1 else f"{number(ratio, 2)} times"
+        begin = "The model explains the log: residuals" if ratio <= 1.1 else "Residuals"
+        said.insert(0, f"{begin} are {size} the stated noise.")
     return " ".join(said)
+
+
+def fit_figure(trust: Trust) -> str:
+    """The misfit as a number, with what it is."""
+    return f"{number(trust.misfit, 3)}, the residuals' variance over the stated one; 1 where both agree"
 
 
 def marked(data: TableData, trust: Trust) -> TableData:

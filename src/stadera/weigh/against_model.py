@@ -41,6 +41,7 @@ class AgreementLimits:
     missing: float = 0.35  # the same where something would have been taken away
     stepped: float = 0.015  # standard deviation of a distance between feet that have stepped [m]
     rate: float = 20.0  # at which feet are looked at [Hz]
+    stands: float = 0.05  # height of a foot above the lowest up to which it is on the ground, share of the legs' length
     lies: float = 0.5  # time for which the trunk is as low as the feet, after which it may lie on the ground [s]
 
     def __post_init__(self) -> None:
@@ -56,12 +57,15 @@ class Footprint:
         self._count, self._feet, self._up = 0, np.zeros((len(robot.legs), 3)), np.zeros(3)
         self._moments = np.zeros((2, len(self._pairs[0])))  # of the distances between feet
         self._low = 0  # postures with the trunk on the ground
+        # of each leg, times on the ground and sum of all joints' positions then
+        self._on, self._sums = np.zeros(len(robot.legs)), np.zeros((len(robot.legs), len(robot.tree.joints)))
 
     def add(self, samples: Samples) -> None:
         """Takes in samples of the robot's joints."""
         period = float(np.median(np.diff(samples.time))) if len(samples) > 1 else 1.0
         kept = slice(None, None, max(1, round(1.0 / (self._limits.rate * period))))
-        feet = foot_positions(self._robot, samples.position[kept])
+        position = samples.position[kept]
+        feet = foot_positions(self._robot, position)
         apart = np.linalg.norm(feet[:, self._pairs[0]] - feet[:, self._pairs[1]], axis=-1)
         self._count += len(feet)
         self._feet += feet.sum(axis=0)
@@ -69,12 +73,29 @@ class Footprint:
         self._moments += np.array([apart.sum(axis=0), (apart**2).sum(axis=0)])
         up = samples.specific_force.mean(axis=0)
         up /= max(float(np.linalg.norm(up)), 1e-9)
-        self._low += int(lying(self._robot, samples.position[kept], np.tile(up, (len(feet), 1))).sum())
+        self._low += int(lying(self._robot, position, np.tile(up, (len(feet), 1))).sum())
+        heights = np.nan_to_num(feet @ up, nan=np.inf)
+        on = heights < heights.min(axis=1, keepdims=True) + self._limits.stands * self._robot.leg_length
+        self._on += on.sum(axis=0)
+        self._sums += on.T.astype(float) @ np.nan_to_num(position)
 
     @property
     def lay(self) -> bool:
         """Whether the trunk may have lain on the ground."""
         return self._low > self._limits.lies * self._limits.rate
+
+    @property
+    def stance(self) -> tuple[Array, Array] | None:
+        """Vertical (3,), a unit vector in trunk axes, and joint positions (joints,) [rad] of the mean pose, each leg as
+        while its foot is among the lowest; None if one never was.
+        """
+        if not self._on.all():
+            return None
+        position, joints = np.zeros(self._sums.shape[1]), self._robot.tree.joints
+        for leg, total, count in zip(self._robot.legs, self._sums, self._on, strict=True):
+            own = [joints.index(joint) for joint in leg.joints]
+            position[own] = total[own] / count
+        return self._up / max(float(np.linalg.norm(self._up)), 1e-9), position
 
     @property
     def stood(self) -> bool:

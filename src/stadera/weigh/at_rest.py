@@ -43,7 +43,7 @@ from stadera.trunk.standing.forces import ContactForceEstimator, ContactForces, 
 from stadera.trunk.standing.poses import Alike, PoseMean, gather, payload_between, sized_by_poses
 from stadera.trust import Trust
 from stadera.types import Array
-from stadera.weigh.result import Balance, Refusal, Timeline, Vertical
+from stadera.weigh.result import Balance, Refusal, Timeline, Vertical, level_axes
 from stadera.weigh.settings import WeighSettings
 
 Locate = Callable[[Measurement, ContactForceEstimator], Weigher]
@@ -381,12 +381,11 @@ class AtRest(StepEstimator):
         """In the last pose."""
         m, found, mass, legs = self._pose.measurement, self._last, self._means[-1].mass, self._forces.leg_mass
         forces, up = self._forces.at(m), m.up
-        ahead = np.array([1.0, 0.0, 0.0]) - up[0] * up
-        ahead /= np.linalg.norm(ahead)
-        to_level = np.array([ahead, np.cross(up, ahead), up])
+        to_level = level_axes(up)
         com = (mass * found.trunk.com_trunk + forces.weights.moment) / (mass + legs)
         return Balance(
             to_level=to_level,
+            position=m.joint_position,
             feet=forces.contact,
             stance=forces.stance,
             force=forces.vertical(up),

@@ -33,7 +33,7 @@ from stadera.weigh.against_model import Footprint, doubts
 from stadera.weigh.at_rest import AtRest
 from stadera.weigh.next_steps import next_steps
 from stadera.weigh.reading import CheckedLog
-from stadera.weigh.result import Refusal, Timeline, Weighing
+from stadera.weigh.result import Refusal, Stance, Timeline, Weighing, level_axes
 from stadera.weigh.settings import TestWeight, Watch, WeighSettings
 
 _MORE = ("torque_lag", "evidence", "spikes", "impacts", "drives", "balance", "vertical")
@@ -226,7 +226,7 @@ class _LogPass:
             trust, remarks = estimator.trust, at_rest.remarks(self._request.method)
             line = at_rest.timeline.of_log(log.begin, self._shift)
             refused = [*self._refused, *(r.shifted(-self._shift) for r in at_rest.refusals)]
-        doubted = self._doubted(trust, payload, logs)
+        doubted, stood = self._doubted(trust, payload, logs), self._footprint.stance
         return Weighing(
             robot=self._request.robot,
             source=log.source.source,
@@ -250,6 +250,7 @@ class _LogPass:
                 *filter(None, [said]),
             ),
             memory=memory,
+            stance=None if stood is None else Stance(level_axes(stood[0]), stood[1]),
             next=() if doubted.verdict == "bad" else next_steps(self._request.robot, estimator),
             **{name: getattr(estimator, name, None) for name in _MORE},  # type: ignore[arg-type]
         )

@@ -93,23 +93,40 @@ class Timeline:
         return found | {"com": [plain(com) for com in self.com], "com_std": [plain(std) for std in self.com_std]}
 
 
+def level_axes(up: Array) -> Array:
+    """Rotation (3, 3) from trunk axes to level ones, x where the trunk's points; `up` (3,) is the vertical, a unit
+    vector in trunk axes.
+    """
+    ahead = np.array([1.0, 0.0, 0.0]) - up[0] * up
+    ahead /= np.linalg.norm(ahead)
+    return np.array([ahead, np.cross(up, ahead), up])
+
+
 @dataclass(frozen=True, eq=False)
-class Balance:
+class Stance:
+    """Pose of the robot on its feet; each leg as it is on average while its foot is on the ground.
+
+    Attributes:
+        to_level: (3, 3), from trunk axes to level ones.
+        position: (joints,) [rad], in the order of the robot's tree.
+    """
+
+    to_level: Array
+    position: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Balance(Stance):
     """Balance of the robot at the end of the log.
 
     `pressure` and `robot_com` are in the level plane through the trunk's origin, x where the trunk's x points.
     """
 
-    to_level: Array  # (3, 3), from trunk axes to level ones
     feet: Array  # (4, 3) [m], contacts, trunk frame
     stance: Bools  # (4,) bool
     force: Array  # (4,) [N], vertical
     pressure: Array  # (2,) [m], centre of pressure: mean position of the feet weighted by their forces
     robot_com: Array  # (2,) [m], estimated centre of mass of the whole robot; NaN where not observed
-
-    def level(self, point: Array) -> Array:
-        """Projects points of the trunk frame (..., 3) into the level plane, (..., 2) [m]."""
-        return np.asarray((point @ self.to_level.T)[..., :2])
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,6 +169,7 @@ class Weighing(Result):
         begin, end: of the log [s].
         torque_lag: delay of the torques and its standard deviation [s]; None at rest.
         balance, vertical: at the end of the last rest; None in motion.
+        stance: mean pose over the log; None if the robot was never on its feet.
         notes: remarks, one sentence each.
         evidence: the log's information on the trunk, for `stadera.trunk.merge`; None at rest.
         spikes: number of samples of which single wild values were replaced; None at rest.
@@ -176,6 +194,7 @@ class Weighing(Result):
     end: float
     torque_lag: tuple[float, float] | None = None
     balance: Balance | None = None
+    stance: Stance | None = None
     vertical: Vertical | None = None
     notes: tuple[str, ...] = ()
     evidence: TrunkEvidence | None = None

@@ -32,6 +32,7 @@ class Series:
     # "hold" if y is constant until the next x, "bins" for bins around x; "" for straight lines
     stairs: Literal["", "hold", "bins"] = ""
     fill: Literal["", "self", "zero"] = ""  # "self" fills the outline, "zero" the area down to the axis
+    dense: float = 0.18  # opacity of the area [1]
     marker: Marker = ""  # of the points
     size: float | Array = 7.0  # one size [px], or one for each point
     labels: tuple[str, ...] = ()  # a text at each point; empty for none
@@ -126,6 +127,7 @@ class Figure:
     row_height: float = 260.0  # of a panel [px]
     # whether all panels of a column share one x axis, with its title below the last
     shared: bool = field(default=False, kw_only=True)
+    width: float = field(default=1120.0, kw_only=True)  # on a desk's page [px]
 
     @property
     def panels(self) -> tuple[Panel, ...]:

@@ -160,10 +160,10 @@ def _series(place: Axes, series: Series) -> None:
     x, y = series.path()
     if series.fill == "self":
         for part in np.split(np.column_stack([x, y]), np.flatnonzero(np.isnan(x))):
-            place.fill(*part[~np.isnan(part[:, 0])].T, color=colour, alpha=0.2, lw=0.0, label=name)
+            place.fill(*part[~np.isnan(part[:, 0])].T, color=colour, alpha=series.dense, lw=0.0, label=name)
             name = None
     elif series.fill:
-        place.fill_between(x, y, color=colour, alpha=0.15, lw=0.0)
+        place.fill_between(x, y, color=colour, alpha=series.dense, lw=0.0)
     if series.width:
         label = None if series.fill == "self" else name
         place.plot(x, y, color=colour, lw=0.62 * series.width, ls="--" if series.dashed else "-", label=label)

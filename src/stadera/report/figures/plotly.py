@@ -10,7 +10,7 @@ from __future__ import annotations
 import base64
 import json
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from html import escape
 from typing import Any
 
@@ -28,7 +28,7 @@ _SYMBOLS = {
     "plus": "cross-thin-open",
     "cross": "x-thin-open",
 }
-_TINT, _SHADE = "2e", "1f"  # opacity, two hexadecimal digits after a colour
+_SHADE = "1f"  # opacity, two hexadecimal digits after a colour
 
 
 @dataclass(frozen=True)
@@ -51,18 +51,25 @@ class Room:
         return self.legend * -(-len(figure.entries) // max(int(self.width / self.entry), 1)) + 8.0
 
     def panel_height(self, panel: Panel, figure: Figure) -> float:
-        """Height inside the axes."""
+        """Height inside the axes; panels of equal scales are as high as their limits need."""
         if panel.y.labels:
             return self.category * len(panel.y.labels)
-        return min(0.9 * self.width, 400.0) if panel.equal else figure.row_height - self.above - self.below
+        if not panel.equal:
+            return figure.row_height - self.above - self.below
+        if panel.x.limits is None or panel.y.limits is None:
+            return min(0.9 * self.width, 400.0)
+        beside = 1 if self.columns else max(map(len, figure.rows))
+        width = self.width / beside - self.left - 12.0
+        return min(width * (panel.y.limits[1] - panel.y.limits[0]) / (panel.x.limits[1] - panel.x.limits[0]), 520.0)
 
 
 DESK = Room()
 PHONE = Room(width=340.0, columns=1, letters=16)
 
 
-def height(figure: Figure, room: Room = DESK) -> int:
-    """Height of the drawn figure [px]."""
+def height(figure: Figure, room: Room | None = None) -> int:
+    """Height of the drawn figure [px], None for a desk."""
+    room = room or replace(DESK, width=figure.width)
     return round(room.legend_height(figure) + _places(figure, room)[1])
 
 
@@ -74,7 +81,7 @@ def data(figure: Figure) -> Markup:
     for trace in traces:
         trace["showlegend"] = bool(trace["name"]) and trace["name"] not in named
         named.add(trace["name"])
-    made = {"data": traces, "desk": _layout(figure, DESK), "shared": list(shared)}
+    made = {"data": traces, "desk": _layout(figure, replace(DESK, width=figure.width)), "shared": list(shared)}
     if (phone := _layout(figure, PHONE)) != made["desk"]:
         made["phone"] = phone
     return Markup(json.dumps(made, separators=(",", ":"), ensure_ascii=False, allow_nan=False).replace("<", "\\u003c"))
@@ -127,7 +134,10 @@ def _curve(series: Series, panel: Panel, shared: dict[str, int]) -> dict[str, An
     if series.hover:
         trace |= {"hovertext": list(map(escape, series.hover)), "hovertemplate": "%{hovertext}<extra></extra>"}
     if series.fill:
-        trace |= {"fill": "toself" if series.fill == "self" else "tozeroy", "fillcolor": f"{colour}{_TINT}"}
+        trace |= {
+            "fill": "toself" if series.fill == "self" else "tozeroy",
+            "fillcolor": f"{colour}{round(255 * series.dense):02x}",
+        }
     if series.fill == "self":
         trace |= {"hoverinfo": "skip", "hovertemplate": None}
     for name, ends, at in (("error_x", series.x_range, series.x), ("error_y", series.y_range, series.y)):
@@ -186,7 +196,7 @@ def _layout(figure: Figure, room: Room) -> dict[str, Any]:
         x |= {"domain": [left, right], "anchor": f"y{k}"}
         y |= {"domain": [1.0 - bottom / tall, 1.0 - top / tall], "anchor": f"x{k}"}
         if panel.equal:
-            y |= {"scaleanchor": f"x{k}"}
+            y |= {"scaleanchor": f"x{k}" if k > 1 else "x"}  # Plotly knows no "x1" here
         if k > 1 and figure.shared:
             x["matches"] = "x"
         layout |= {f"xaxis{k}": x, f"yaxis{k}": y}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from math import degrees
 from typing import TYPE_CHECKING
 
@@ -11,8 +12,8 @@ import numpy as np
 from stadera.report.numbers import number
 from stadera.report.page import render
 from stadera.report.table import SHOWN
-from stadera.report.trust import LEVELS, trust_reasons
-from stadera.report.weigh import plots, tables
+from stadera.report.trust import LEVELS, fit_figure
+from stadera.report.weigh import plots, tables, words
 from stadera.trunk.registry import method_of
 from stadera.weigh.result import Weighing
 
@@ -30,7 +31,7 @@ def next_steps(result: Weighing) -> Iterator[str]:
             "another IMU frame. Then weigh it again."
         )
         return
-    yield from map(tables.step_text, result.next)
+    yield from map(words.step_text, result.next)
     if result.trust.verdict == "doubtful":
         yield (
             "Use the error bars as they are, for they are widened to the fit. Friction and rotor inertia from "
@@ -43,6 +44,8 @@ def next_steps(result: Weighing) -> Iterator[str]:
         )
     if (hidden := _hidden(result)) is not None:
         yield hidden
+    if not result.determined()["trunk" if result.payload is None else "payload"]:
+        return
     if result.payload is None or not result.payload.at:
         yield f"Write it into the model file: `{command} --export weighed.urdf`."
     else:
@@ -71,19 +74,22 @@ _VERTICAL = {"imu": "by the IMU", "forces": "by the direction of the feet's forc
 
 def weighing_html(result: Weighing, truth: Truth | None = None) -> str:
     """The complete, self-contained page."""
-    in_motion = result.torque_lag is not None
+    in_motion, drawn = result.torque_lag is not None, plots.figures(result, truth)
     return render(
         "weigh.html.j2",
         title=f"Weighing{' in motion' if in_motion else ''}: {result.robot.name}",
         level=LEVELS[result.trust.verdict],
-        headline=tables.answer(result),
+        headline=f"{words.headline(result)}.",
         word=f"Trust: {result.trust.verdict}",
-        why=trust_reasons(result.trust),
+        why=words.may_be_used(result),
+        told={"Where": words.where(result), "How sure": words.how_sure(result)},
+        robot=drawn.pop("balance", None),
+        first=replace(drawn.pop(next(iter(drawn))), width=560.0),
         next=tuple(next_steps(result)),
         bodies=tables.bodies_table(result, truth),
         inertia=tables.inertia_table(result),
         missing=tables.inertia_missing(result),
-        plots=list(plots.figures(result, truth).values()),
+        plots=list(drawn.values()),
         lists=list(_lists(result)),
         facts=_facts(result),
         notes=result.notes,
@@ -108,6 +114,7 @@ def _facts(result: Weighing) -> dict[str, str]:
         "As known at": f"{result.time:.2f} s",
         "Method": f"{result.method}: {method_of(result.method).summary}",
         "State": result.status,
+        "Misfit": fit_figure(result.trust),
     }
     facts |= tables.processing(result)
     if (vertical := result.vertical) is not None:

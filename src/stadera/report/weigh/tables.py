@@ -1,9 +1,8 @@
-"""Tables of a weighing as plain values, its answer in a sentence, and terminal output."""
+"""Tables of a weighing as plain values, and terminal output."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from math import isfinite
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,12 +10,12 @@ from rich.console import RenderableType
 from rich.text import Text
 
 from stadera.inertia import ORDER
-from stadera.report.numbers import number, with_scale, with_std
+from stadera.report.numbers import counted, fixed, number, with_std
 from stadera.report.table import SHOWN, Cell, Row, TableData
 from stadera.report.terminal import notes, rich_table
 from stadera.report.trust import LEVELS, STYLES, UNTRUSTED, trust_text
+from stadera.report.weigh.words import headline, step_text
 from stadera.types import Array
-from stadera.weigh.next_steps import NextStep
 from stadera.weigh.result import Weighing
 
 if TYPE_CHECKING:
@@ -32,41 +31,6 @@ def place(com: Array, std: Array) -> tuple[str, str, str]:
     return x, y, z
 
 
-def headline(result: Weighing) -> str:
-    """The answer: the payload if there was a tare, else the trunk."""
-    if (payload := result.payload) is not None:
-        if not result.determined()["payload"]:
-            most = max(payload.mass, 0.0) + 2.0 * payload.mass_std
-            return f"Payload not determined: below {number(most, 2)} kg (95 %)"
-        mass = with_scale(payload.mass, payload.mass_std, payload.mass_std_without_scale)
-        answer = f"Payload{payload.at and f' at {payload.at}'} {mass}"
-    elif result.mass == result.mass:
-        mass = with_scale(result.mass, result.mass_std, result.trunk.mass_std_without_scale)
-        answer = f"Trunk with all that is on it {mass}"
-    else:
-        answer = "The trunk's mass was not observed"
-    return answer if result.is_trusted else f"{answer}, {UNTRUSTED}"
-
-
-def answer(result: Weighing) -> str:
-    """The headline with the centre of mass, if it was observed."""
-    body = result if result.payload is None else result.payload
-    seen = zip("xyz", place(body.com, body.com_std), body.com_std, strict=True)
-    known = ", ".join(f"{axis} {text}" for axis, text, std in seen if std == std)
-    if not result.determined().get("payload", True):
-        return f"{headline(result)}. {' '.join(map(step_text, result.next))}".strip()
-    at = "" if result.payload is None else result.payload.at
-    frame = f"the frame of {at}" if at else "the trunk's frame"
-    where = f"centre of mass {known} m in {frame}" if known else "its centre of mass was not observed"
-    return f"{headline(result)}; {where}."
-
-
-def step_text(step: NextStep) -> str:
-    """A next step, as a sentence."""
-    std = step.payload_std if isfinite(step.payload_std) else step.trunk_std
-    return f"{step.do[:1].upper()}{step.do[1:]}: then ± {number(std, 2)} kg."
-
-
 def processing(result: Weighing) -> dict[str, str]:
     """What was found and corrected in the log, by subject."""
     found = {}
@@ -74,8 +38,7 @@ def processing(result: Weighing) -> dict[str, str]:
         lag, std = result.torque_lag
         found["Torques"] = f"torques arrive {with_std(1e3 * lag, 1e3 * std)} ms late, which is allowed for"
     if result.spikes:
-        samples = "sample" if result.spikes == 1 else "samples"
-        found["Outliers"] = f"{result.spikes} {samples} with single wild values, which were replaced"
+        found["Outliers"] = f"{counted(result.spikes, 'sample')} with single wild values, which were replaced"
     if result.impacts:
         found["Impacts"] = f"{result.impacts:.2f} s left out: impacts that the log's rate does not resolve"
     return found
@@ -181,7 +144,7 @@ def _cells(result: Weighing, values: Array, std: Array) -> list[Cell]:
 
 
 def _exact(com: Iterable[float]) -> tuple[str, str, str]:
-    x, y, z = (number(round(float(value), 6)) for value in com)
+    x, y, z = (fixed(float(value), 4) for value in com)
     return x, y, z
 
 

@@ -22,13 +22,11 @@ from stadera.lab.experiments.loaded_walk import WalkOutcome
 from stadera.lab.plant.payload import Tray
 from stadera.lab.report.demo.terminal import NAMES
 from stadera.lab.supervise import State
+from stadera.report.figures.robot import limbs, trunk_box
 from stadera.report.numbers import with_std
 from stadera.robot import load_robot
-from stadera.robot.model import Leg, Robot
+from stadera.robot.model import Robot
 from stadera.types import Array
-
-_LIMBS = ((0.13, 0.13, 0.17), (0.13, 0.09, 0.17), (0.085, 0.05, 0.12))
-"""Radii of hip, thigh and shank at both ends, and of their drives, as shares of the thigh's length."""
 
 
 def robot_parts(robot: Robot) -> dict[str, Any]:
@@ -63,38 +61,25 @@ def _plate(robot: Robot) -> dict[str, Any]:
 
 def _rounded(robot: Robot) -> Iterator[dict[str, Any]]:
     """Yields a trunk, and legs from joint to joint."""
-    boxes = [shape for shape in robot.shapes if shape.link == robot.trunk and shape.kind == "box"]
-    largest = max(boxes, key=lambda shape: float(np.prod(shape.size)), default=None)
-    if largest is not None:  # lower by the thickness of the plate on top of it
+    if (box := trunk_box(robot)) is not None:  # lower by the thickness of the plate on top of it
         under = np.array([0.0, 0.0, 2.0 * Tray.of(robot).half_size[2]])
-        turn = short(Rotation.from_matrix(largest.rotation).as_quat())
-        size, at = short(largest.size), short(largest.translation - under)
+        turn = short(Rotation.from_matrix(box.rotation).as_quat())
+        size, at = short(box.size), short(box.translation - under)
         yield {"link": 0, "kind": "body", "size": size, "at": at, "turn": turn}
-    for leg in robot.legs:
-        yield from _limbs(robot, leg)
-
-
-def _limbs(robot: Robot, leg: Leg) -> Iterator[dict[str, Any]]:
-    """Yields for each link a limb to the next joint or foot, thinner downwards, and a drive about each joint's axis."""
-    tree = robot.tree
-    joints = [tree.joints.index(name) for name in leg.joints]
-    ends = [*(tree.translations[j] for j in joints[1:]), np.array(leg.foot_position)]
-    length = float(np.linalg.norm(ends[1])) or 0.3
-    for k, (joint, end) in enumerate(zip(joints, ends, strict=True)):
-        thick, thin, drive = (length * share for share in _LIMBS[k])
-        yield {"link": joint + 1, "kind": "limb", "to": short(end), "radii": short([thick, thin])}
-        axis = short(tree.axes[joint])
-        drum = {"radius": drive, "width": 1.7 * drive}
-        yield {"link": joint + 1, "kind": "drive", "joint": joint, "axis": axis, **drum}
+    for part in (part for leg in robot.legs for part in limbs(robot, leg)):
+        along = part.centres[-1] - part.centres[0]
+        if part.kind == "limb":
+            yield {"link": part.link, "kind": "limb", "to": short(part.centres[-1]), "radii": short(part.radii)}
+        elif part.kind == "drive":
+            width = float(np.linalg.norm(along))
+            drum = {"axis": short(along / width), "radius": part.radii[0], "width": width}
+            yield {"link": part.link, "kind": "drive", "joint": part.link - 1, **drum}
 
 
 def _feet(robot: Robot) -> Iterator[dict[str, Any]]:
-    tree = robot.tree
-    for leg in robot.legs:
-        shank = tree.joints.index(leg.joints[2])
-        length = float(np.linalg.norm(tree.translations[shank])) or 0.3
-        radius = max(leg.foot_radius, 0.06 * length)
-        yield {"link": shank + 1, "kind": "foot", "at": short(leg.foot_position), "radius": radius}
+    for part in (part for leg in robot.legs for part in limbs(robot, leg) if part.kind == "foot"):
+        for at, radius in zip(part.centres, part.radii.tolist(), strict=True):
+            yield {"link": part.link, "kind": "foot", "at": short(at), "radius": radius}
 
 
 def short(values: Any) -> list[float]:

@@ -50,8 +50,8 @@
     const night = dark.matches;
     scene.background = new T.Color(css("ground"));
     const set = (name, colour) => paint[name].color.set(colour);
-    set("body", night ? "#8fa0b5" : "#4a5666"); set("shell", night ? "#8fa0b5" : "#4a5666"); set("leg", night ? "#aab6c6" : "#b4bdc9"); set("plate", night ? "#5b6878" : "#aab4c1"); set("limb", night ? "#aab6c6" : "#c3cad4");
-    set("drive", night ? "#56616f" : "#39434f"); set("foot", "#15191e"); set("box", "#e0902f"); set("ground", night ? "#1d232b" : "#e9ecf0");
+    for (const [name, colour] of Object.entries({body: "shell", shell: "shell", leg: "limb", limb: "limb", drive: "drive", foot: "foot", box: "box"})) set(name, css(colour));
+    set("plate", night ? "#5b6878" : "#aab4c1"); set("ground", night ? "#1d232b" : "#e9ecf0");
     set("lines", css("line")); set("force", css("steel")); set("truth", css("ink")); set("drop", css("ink")); set("model", css("blue")); set("inside", css("green")); set("outside", css("red"));
     set("hot", "#ff2d20"); paint.hot.emissive.set("#d01408");
     sky.color.set(night ? "#c4d4ea" : "#ffffff"); sky.groundColor.set(night ? "#20262e" : "#b9bfc8");

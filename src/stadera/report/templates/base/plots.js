@@ -15,6 +15,7 @@
     const layout = narrow.matches && figure.phone || figure.desk;
     for (const trace of figure.data)
       if (Number.isInteger(trace.x)) trace.x = {dtype: "f4", bdata: figure.shared[trace.x]};
+    place.querySelector("div").style.minHeight = `${layout.height}px`;
     Plotly.react(place.querySelector("div"), figure.data, {...layout, template, ...more}, {displayModeBar: false, responsive: true});
   };
   const all = (inside, more) => {
