@@ -11,6 +11,7 @@ import pytest
 import stadera
 from identify.leg_runs import hyq, noisy, run
 from stadera.errors import MissingExtraError, StaderaError, UntrustedError
+from stadera.identify.residuals import LegScore
 from stadera.identify.result import Identification
 from stadera.identify.schema import with_identified_legs
 from stadera.identify.settings import IdentifySettings, TrustSettings
@@ -166,3 +167,20 @@ def test_pages_models_and_plots(result: Identification, tmp_path) -> None:
     assert result.plot().axes
     assert len(repr(result).splitlines()) < 10
     assert "RH: " in repr(result)
+
+
+def test_a_difference_from_cad_within_chance_is_no_verdict() -> None:
+    rng, n = np.random.default_rng(0), 2000
+    truth, time = np.zeros((n, 1)), np.arange(n) / 100.0
+
+    def excess(off: float) -> float:  # in standard deviations
+        score = LegScore(("knee",), n)
+        noise = rng.normal(size=(n, 2))
+        guesses = {"identified": noise[:, :1] + off, "prior_friction": noise[:, 1:]}
+        score.kept = [(time, truth, guesses)]
+        assert score.excess()[""] == score.excess()["knee"]
+        return score.excess()["knee"]
+
+    alike = np.array([excess(0.0) for _ in range(200)])
+    assert 0.8 < alike.std() < 1.3
+    assert excess(0.5) > 2.0

@@ -57,11 +57,10 @@ def test_remarks_are_said_once_and_the_worst_first(result):
     assert not is_alarming(both)
 
 
-def test_no_better_than_cad_is_alarming(result):
-    (leg,) = result.legs
-    models = leg.rmse["validation"]
-    worse = {**models, "identified": {joint: 1.01 * error for joint, error in models["prior_friction"].items()}}
-    assert is_alarming(replace(result, legs=(replace(leg, rmse={"validation": worse}),)))
+def test_worse_than_cad_beyond_chance_is_alarming(result):
+    leg = result.legs[0]
+    assert is_alarming(replace(result, legs=(replace(leg, worse=("", leg.leg.joints[0])),)))
+    assert not is_alarming(replace(result, legs=(replace(leg, worse=(leg.leg.joints[0],)),)))
 
 
 def test_trust_is_the_last_word(result):

@@ -310,6 +310,8 @@ def _leg_result(
     job: Job, task: LegTask, data: Gathered, estimate: Estimate, null_space: Estimate, scores: Mapping[str, LegScore]
 ) -> LegIdentification:
     structure = structural_observability(task, job.trunk)
+    part = scores.get("validation", scores["training"])
+    evaluated = part.excess() if part.samples else {}
     result = LegIdentification(
         leg=task.leg,
         model=task.nominal,
@@ -324,6 +326,7 @@ def _leg_result(
         traces=tuple(score.trace(part) for part, score in scores.items()),
         information=data.whitened(task.fixed),
         varying=task.varying,
+        worse=tuple(name for name, excess in evaluated.items() if excess > job.settings.trust.worse),
     )
     return leg_warnings(result, scores, job.settings.trust)
 

@@ -110,6 +110,12 @@ def correlation_length(values: Array) -> float:
     return max(1.0, float(2.0 * pairs[:stop].sum() - 1.0))
 
 
+def _in_deviations(values: Array) -> float:
+    """Mean of a correlated series over its standard deviation; zero for a series of zeros."""
+    std = float(values.std()) * np.sqrt(correlation_length(values) / len(values))
+    return float(values.mean()) / std if std > 0.0 else 0.0
+
+
 @dataclass(frozen=True, eq=False)
 class LegModels:
     """Models of one leg to compare with data: parameters by model, and the torque limit by joint [N·m]."""
@@ -143,6 +149,18 @@ class LegScore:
         trace, rmse = self.trace(""), self.rmse["identified"]
         error = np.abs(trace.measured - trace.predicted["identified"])
         return {joint: float(np.mean(error[:, k] > beyond * rmse[joint])) for k, joint in enumerate(self.joints)}
+
+    def excess(self) -> dict[str, float]:
+        """By how many standard deviations the identified model's squared error exceeds that of CAD with friction in the
+        first minute, by joint, and of all joints together under the name "".
+
+        The mean of the differences x of squared errors has the variance var(x) τ / n, with τ samples of them worth one.
+        """
+        measured = np.concatenate([m for _, m, _ in self.kept])
+        found, cad = (np.concatenate([p[k] for _, _, p in self.kept]) for k in ("identified", "prior_friction"))
+        worse = (measured - found) ** 2 - (measured - cad) ** 2
+        series = {"": worse.sum(axis=1)} | dict(zip(self.joints, worse.T, strict=True))
+        return {name: _in_deviations(values) for name, values in series.items()}
 
     def trace(self, part: str) -> TorqueTrace:
         """Torques over the first minute, thinned out."""

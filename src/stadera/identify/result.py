@@ -104,6 +104,7 @@ class LegIdentification:
         traces: for plots.
         information: of the training rows, in units of their noise; None if it was not kept.
         varying: by joint, of those whose friction varies.
+        worse: joints whose held-out torques CAD with friction predicts better by more than chance; "" for all together.
         warnings: for the reader of the report, one sentence each.
     """
 
@@ -121,6 +122,7 @@ class LegIdentification:
     warnings: tuple[str, ...] = ()
     information: Information | None = None
     varying: Mapping[str, VaryingFriction] = field(default_factory=dict)
+    worse: tuple[str, ...] = ()
 
     @cached_property
     def parameters(self) -> Mapping[str, Quantity]:

@@ -40,6 +40,8 @@ class TrustSettings:
     # share of outliers above which a warning is given [1]; of Gaussian errors, 2e-9 exceed six times their size
     outliers: float = 2e-3
     turning: float = 0.1  # root mean square of the IMU's angular velocity above which the trunk is not held [rad/s]
+    # standard deviations by which held-out squared errors exceed those of CAD with friction, above which they are worse
+    worse: float = 2.0
     fewest: int = 200  # number of moving samples below which a warning is given
 
     def __post_init__(self) -> None:

@@ -216,10 +216,10 @@ def _prediction(result: LegIdentification, score: LegScore | None) -> list[str]:
     if score is None or not score.samples:
         return []
     rmse = score.rmse
-    worse = [j for j in result.leg.joints if rmse["identified"][j] > rmse["prior_friction"][j] * (1 + 1e-9)]
     return [
-        f"{joint}: on the validation part the identified model is no better than CAD with friction "
+        f"{joint}: on the validation part the identified model is worse than CAD with friction "
         f"({rmse['identified'][joint]:.3g} against {rmse['prior_friction'][joint]:.3g} N·m)"
-        for joint in worse
-        if rmse["identified"][joint] > 1e-6 * np.sqrt(np.mean(np.square(list(rmse["prior"].values()))) + 1e-30)
+        for joint in result.leg.joints
+        if joint in result.worse
+        and rmse["identified"][joint] > 1e-6 * np.sqrt(np.mean(np.square(list(rmse["prior"].values()))) + 1e-30)
     ]

@@ -113,18 +113,11 @@ def _on_legs(result: Identification) -> Iterator[str]:
 
 
 def is_alarming(result: Identification) -> bool:
-    """True if the numbers should not be used: a bad fit, not physical, not validated, or no better than CAD."""
-    part = evaluated_part(result)
-    poor = part == "training" or result.trust.verdict == "bad"
-    return poor or not result.is_physical or any(_is_no_better(leg, part) for leg in result.legs)
-
-
-def _is_no_better(leg: LegIdentification, part: str) -> bool:
-    """True if the leg's link parameters bring nothing: no direction measured, or no better than CAD with friction."""
-    found, cad = (
-        sum(e**2 for e in leg.rmse.get(part, {}).get(m, {}).values()) for m in ("identified", "prior_friction")
-    )
-    return leg.estimate.observability.rank == 0 or found > cad > 0
+    """True if the numbers should not be used: a bad fit, not physical, not validated, nothing measured, or a leg whose
+    torques CAD with friction predicts better by more than chance.
+    """
+    poor = evaluated_part(result) == "training" or result.trust.verdict == "bad" or not result.is_physical
+    return poor or any(leg.estimate.observability.rank == 0 or "" in leg.worse for leg in result.legs)
 
 
 def _on_masses(result: Identification) -> Iterator[str]:
