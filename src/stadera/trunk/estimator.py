@@ -15,7 +15,7 @@ prior uncertainty and count as not observed.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from math import inf, isnan, sqrt
 from zlib import crc32
@@ -156,8 +156,14 @@ class TrunkEstimator:
 
     def add_table(self, table: Array) -> None:
         """The same, of samples given by their `Samples.table`."""
+        for _ in self.learning(table):
+            pass
+
+    def learning(self, table: Array) -> Iterator[float]:
+        """The same, step by step: yields the time of the last sample that a step takes in [s], before it does."""
         self._print = crc32(table.tobytes(), self._print)
         for made in self._front.take(table):
+            yield made.due
             self._learn(made)
             self._front.ahead = max(self._fit.due - self._history.blocks, 1)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterator, Sequence
+from math import inf
 from typing import NamedTuple
 
 import numpy as np
@@ -31,12 +32,14 @@ class Made(NamedTuple):
     Attributes:
         rows: of the window that it completes; None for the first block of a stretch, and for one that was refused.
         refusal: why it, or samples before it, were refused, one sentence; else empty.
+        due: time of the sample that completed it [s].
         struck: True if its rows are left out because of an impact; legs in the air count nonetheless.
     """
 
     rows: BlockRows | None = None
     refusal: str = ""
     struck: bool = False
+    due: float = -inf
 
 
 class Front:
@@ -144,7 +147,7 @@ class Front:
         """The blocks that these samples complete, see `Samples.table`, one by one; `ahead` at a time are computed."""
         for stretch in self._buffer.take(table):
             if stretch.reason:
-                yield Made(refusal=stretch.reason)
+                yield Made(refusal=stretch.reason, due=stretch.begin)
             if stretch.gap:
                 self.interrupt()
                 self.gaps.append((stretch.begin, stretch.gap))
@@ -154,7 +157,8 @@ class Front:
             while begin < len(edges) - 1:
                 some = edges[begin : begin + self.ahead + 1]
                 made = self.blocks(stretch.table[some[0] : some[-1] + 2], tuple(np.diff(some).tolist()))
-                yield from map(self._counted, made)
+                for each, end in zip(made, edges[begin + 1 :], strict=False):
+                    yield self._counted(each)._replace(due=float(stretch.table[end + 1, 0]))
                 begin += len(made)
 
     def blocks(self, table: Array, sizes: tuple[int, ...]) -> list[Made]:

@@ -126,9 +126,9 @@ class Stretch:
     Attributes:
         table: `Samples.table` of complete blocks, with one more sample before and after them. edges: (blocks + 1,),
             where they begin, counted without the sample before; empty if there are none.
-        reason: why samples before them were skipped, one sentence; else empty.
+        reason: why a sample was skipped, one sentence; else empty.
         gap: time without samples before them [s]; 0 if they follow on.
-        begin: time of the first of them [s].
+        begin: time of the first of them, or of the last one before a sample that was skipped [s].
     """
 
     table: Array = field(default_factory=lambda: _NONE)
@@ -181,11 +181,15 @@ class SampleBuffer:
 
     def take(self, table: Array) -> Iterator[Stretch]:
         """Yields the blocks that these samples (n, ...) complete, stretch by stretch."""
-        good, reason = self._usable(table)
-        if reason:
-            yield Stretch(reason=reason)
-        if not len(good):
-            return
+        begin = 0
+        for bad in (*self._unusable(table), len(table)):
+            if begin < bad:
+                yield from self._stretches(table[begin:bad])
+            if bad < len(table):
+                yield Stretch(reason=self._reason(table[bad]), begin=self._last)
+            begin = bad + 1
+
+    def _stretches(self, good: Array) -> Iterator[Stretch]:
         time = good[:, 0]
         if self._step == inf:
             known = np.diff(time) if self._last == -inf else np.diff(time, prepend=self._last)
@@ -217,22 +221,22 @@ class SampleBuffer:
             self.due = -inf
         return pending[: start + 2], edges
 
-    def _usable(self, table: Array) -> tuple[Array, str]:
-        """The samples that are finite and in order, and the reason against the first of the others."""
+    def _unusable(self, table: Array) -> list[int]:
+        """The samples that are not finite or not in order."""
         time: Array = table[:, 0]
         in_order = len(time) and time[0] > self._last and (time[1:] > time[:-1]).all()
         if in_order and isfinite(table.sum()):  # a sum shows any value that is not finite
-            return table, ""
+            return []
         finite: Bools = np.asarray(np.isfinite(table).all(axis=1))
         known = np.where(finite, time, -inf)
         before: Array = np.maximum.accumulate(np.concatenate([[self._last], known]))[:-1]
-        good: Bools = finite & (known > before)
-        if good.all():
-            return table, ""
-        k = int(np.argmin(good))
-        if finite[k]:
-            return table[good], f"time must increase, got {time[k]:.6f} s after {before[k]:.6f} s"
-        return table[good], f"not finite: {self._not_finite(int(np.argmin(np.isfinite(table[k]))))}"
+        return np.flatnonzero(~(finite & (known > before))).tolist()
+
+    def _reason(self, sample: Array) -> str:
+        """Why a sample is not used."""
+        if np.isfinite(sample).all():
+            return f"time must increase, got {sample[0]:.6f} s after {self._last:.6f} s"
+        return f"not finite: {self._not_finite(int(np.argmin(np.isfinite(sample))))}"
 
     def _not_finite(self, column: int) -> str:
         """What a column of the table is, for a message."""

@@ -172,8 +172,15 @@ class _LogPass:
                 if begin:
                     self._refuse(float(time[0]), float(time[begin - 1]), "before the tare's time")
             ends = {begin, end, len(time), *entries, *range(0, len(time), settings.ahead)}
+            steps: Iterator[float] = iter(())
+            if stepwise := isinstance(samples, Samples) and isinstance(self._estimator, TrunkEstimator):
+                steps = self._estimator.learning(samples[begin:].table)
+            due = next(steps, np.inf)
             for start, stop in pairwise(sorted(k for k in ends if k >= begin)):
-                self.estimator.add(samples[start:stop])
+                if not stepwise:
+                    self.estimator.add(samples[start:stop])
+                while due <= chunk.time[stop - 1]:
+                    due = next(steps, np.inf)
                 self._time = float(time[stop - 1])
                 if request.watch is not None:
                     request.watch(samples[start:stop], self.estimator)  # type: ignore[arg-type]
