@@ -79,7 +79,9 @@ def markdown(record: dict[str, Any]) -> str:
     for case in dict.fromkeys(row["case"] for row in record["trunks"]):
         runs = len(_of(record["trunks"], case)[0]["runs"])
         parts.append(f"Trunk, {case}, medians of {runs}:\n\n{_table(TRUNK_COLUMNS, _of(record['trunks'], case))}")
-    return "\n\n".join(parts)
+    given = {said for row in [*record["legs"], *record["trunks"]] for said in row.get("ahead", {}).values()}
+    known = [f"- {said}" for said in REASONS.values() if said in given]
+    return "\n\n".join([*parts, *(["Ahead of stadera in, and why:\n\n" + "\n".join(known)] if known else [])])
 
 
 def _of(rows: list[Row], case: str) -> list[Row]:
@@ -105,7 +107,9 @@ def _said(key: str) -> Callable[[Row], str]:
 def _remark(row: Row) -> str:
     if "skipped" in row:
         return f"skipped: {row['skipped']}"
-    return "no estimate in this motion" if row.get("mass", 0.0) is None else "; ".join(row["ahead"].values())
+    if row.get("mass", 0.0) is None:
+        return "no estimate in this motion"
+    return "; ".join(said.split(":")[0] if said in REASONS.values() else said for said in row["ahead"].values())
 
 
 def _coverage(row: Row) -> str:
@@ -122,7 +126,7 @@ LEG_COLUMNS: dict[str, Callable[[Row], str]] = {
     "error to truth": _number("error", " N·m", 3),
     "physical": _said("physical"),
     "error bars": _said("bars"),
-    "where it is ahead of stadera, and why": _remark,
+    "ahead in": _remark,
 }
 TRUNK_COLUMNS: dict[str, Callable[[Row], str]] = {
     "": lambda row: row["contender"],
@@ -130,5 +134,5 @@ TRUNK_COLUMNS: dict[str, Callable[[Row], str]] = {
     "place": _number("place", " mm", 1),
     "latency": _number("latency", " s", 1),
     "within 2 std": _coverage,
-    "where it is ahead of stadera, and why": _remark,
+    "ahead in": _remark,
 }

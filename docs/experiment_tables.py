@@ -19,11 +19,8 @@ from typing import Any
 from stadera.report.numbers import number
 
 FOLDER = Path(__file__).parent
-STUDIES = ("reality", "mini_cheetah", "faults", "humanoids")
-PAGES = (
-    *(FOLDER / f"{name}.md" for name in ("experiments", "comparison", "walking")),
-    *(FOLDER / "validation" / f"{name}.md" for name in ("reality", "real_walks", "faults", "humanoids")),
-)
+STUDIES = ("reality_table", "ablation", "mini_cheetah", "faults", "humanoids")
+PAGES = (FOLDER / "comparison.md", FOLDER / "walking.md", *sorted((FOLDER / "validation").glob("*.md")))
 RESULTS = FOLDER / "results"
 Record = dict[str, Any]
 Naming = Callable[[Record], str]
@@ -54,13 +51,12 @@ def overview() -> str:
 
 
 def peers() -> str:
-    """As `benchmarks/peers.py` prints them, and what each was run with."""
+    """As `benchmarks/peers.py` prints them."""
     sys.path.insert(0, str(FOLDER.parent / "benchmarks"))
     from peer_tables import markdown
 
     record: dict[str, Any] = json.loads((RESULTS / "peers.json").read_text(encoding="utf-8"))
-    settings = "\n".join(f"- {name}: {said}" for name, said in record["settings"].items())
-    return f"{markdown(record)}\n\nRun with:\n\n{settings}"
+    return markdown(record)
 
 
 def crossed(records: Iterable[Record], row: Naming, column: Naming, corner: str) -> str:
@@ -107,12 +103,12 @@ def tables(name: str, records: list[Record]) -> Iterator[str]:
     elif name == "fig4":
         yield crossed(records, case("sensor errors", "metric"), case("joint"), "sensor errors")
     elif name == "fig5":
-        yield crossed([r for r in records if "joint" in r["case"]], case("robot", "joint"), case("metric"), "joint")
+        yield real_legs([r for r in records if "joint" in r["case"]])
     elif name == "fig6":
         yield crossed(records, case("settling time asked for [s]"), case("metric"), "settling time [s]")
     elif name == "table2":
         yield crossed(compared, case("method", "metric"), case("load [N]"), "load [N]")
-        others = [r for r in records if r["case"]["robot"] != "hyq" and "in x-y" in r["metric"]]
+        others = [r for r in records if r["case"]["robot"] != "hyq" and r["metric"].endswith("in x-y")]
         yield crossed(others, case("robot", "metric"), case("load, share of the weight"), "load, share of the weight")
     elif name == "table3":
         yield crossed(compared, case("slope [deg]", "metric"), case("load [N]"), "slope [°]; load [N]")
@@ -120,9 +116,7 @@ def tables(name: str, records: list[Record]) -> Iterator[str]:
         for error in dict.fromkeys(r["case"]["error"] for r in compared):
             chosen = [r for r in compared if r["case"]["error"] == error]
             μ, σ = (next(key for key in chosen[0]["case"] if key.startswith(letter)) for letter in "μσ")
-            yield crossed(chosen, case("reading", "method"), case(μ, σ), f"{error}: ‖δ‖ in x-y [cm]; {μ}, {σ}")
-    elif name == "reality":
-        yield from reality(records)
+            yield crossed(chosen, short_reading, case(μ, σ), f"{error}: ‖δ‖ in x-y [cm]; {μ}, {σ}")
     elif name == "mini_cheetah":
         yield crossed(records, case("metric"), lambda _: "ten walks, two in the air", "")
     elif name == "humanoids":
@@ -134,21 +128,81 @@ def tables(name: str, records: list[Record]) -> Iterator[str]:
         yield crossed(records, case("metric"), case(key), key)
 
 
-def reality(records: list[Record]) -> Iterator[str]:
-    """Errors by motion and method for each set of errors, then bars and behaviour."""
-    median, high = ", median", ", 95th percentile"
-    for errors in dict.fromkeys(r["case"]["errors"] for r in records):
-        own = [r for r in records if r["case"]["errors"] == errors]
-        sized = {(*r["case"].values(), r["metric"]): r for r in own if "scenario" in r["case"]}
-        cells: dict[str, dict[str, str]] = {}
-        for (*of, metric), record in sized.items():
-            if metric.endswith(median):
-                upper = sized[(*of, metric.replace(median, high))]
-                unit = f"{metric.removesuffix(median)} [{record['unit']}]"
-                cells.setdefault(", ".join(of[1:]), {})[unit] = f"{cell(record)}; {cell(upper)}"
-        yield table(cells, errors)
-        rest = [r for r in own if "scenario" not in r["case"]]
-        yield crossed(rest, case("metric"), case("method"), f"{errors}: bars and behaviour")
+def short_reading(record: Record) -> str:
+    """Reading and method of Table IV in a few words."""
+    readings = {"measured, constant over a run": "constant", "measured, new in every sample": "every sample"}
+    return f"{readings.get(record['case']['reading'], 'controller misled')}, {record['case']['method']}"
+
+
+def real_legs(records: list[Record]) -> str:
+    """Means over the four legs by robot and kind of joint; the figure has every joint."""
+    cells: dict[str, dict[str, str]] = {}
+    for robot, part in dict.fromkeys((r["case"]["robot"], r["case"]["joint"].split("_")[1]) for r in records):
+        own = [r for r in records if r["case"]["robot"] == robot and f"_{part}_" in r["case"]["joint"]]
+        for metric in dict.fromkeys(r["metric"] for r in own):
+            values = [r["value"] for r in own if r["metric"] == metric]
+            cells.setdefault(f"{robot}, {part}", {})[f"{metric} [N·m]"] = figure(sum(values) / len(values))
+    return table(cells, "mean of four legs")
+
+
+def ablation(record: Record) -> str:
+    """The mechanisms whose absence shows: by more than scatter in score, tails, verdicts or coverage."""
+    base, *rest = record["kept"]
+    shown = [row for row in rest if _shows(row, base)]
+    cells = {
+        row["without"]: {
+            "score": f"{row['score']:.2f}",
+            "trunk [%]": f"{row['trunk']:g}; {row['trunk_95']:g}",
+            "payload [%]": f"{row['payload']:g}; {row['payload_95']:g}",
+            "within 2 σ [%]": f"{row['within']:g}",
+            "walks: spread [%], verdicts": f"{row['walks_spread']:g}, {row['walks_verdicts']}",
+        }
+        for row in [base, *shown]
+    }
+    return table(cells, "without")
+
+
+def _shows(row: Record, base: Record) -> bool:
+    return (
+        abs(row["score"] - base["score"]) > 0.05
+        or row["payload_95"] > base["payload_95"] + 0.4
+        or row["within"] < base["within"] - 2
+        or row["walks_verdicts"] != base["walks_verdicts"]
+    )
+
+
+def sizes(record: Record) -> str:
+    """One scale of all model errors against a size for each kind."""
+    cells = {
+        row["logs"]: {
+            "score": "{:.2f} → {:.2f}".format(*row["score"]),
+            "NEES": "{:g} → {:g}".format(*row["nees"]),
+            "bar of the centre [mm]": "{:g} → {:g}".format(*row["centre_bar"]),
+            "within 2 σ [%]": "{:g} → {:g}".format(*row["within"]),
+            "beyond 4 σ": "{:g} → {:g}".format(*row["beyond_4"]),
+        }
+        for row in record["sizes"]
+    }
+    return table(cells, "one scale → by kind")
+
+
+def reality(record: Record) -> str:
+    """Median and 95th percentile by motion; plain least squares below each."""
+    columns = {
+        "payload": "payload's mass [%]",
+        "place": "its place, x-y [mm]",
+        "trunk": "trunk's mass [%]",
+        "centre": "its centre, x-y [mm]",
+        "height": "z [mm]",
+    }
+    cells = {
+        row["motion"] if row["method"] == "stadera" else f"{row['motion']}, {row['method']}": {
+            label: "not observed" if row[key] is None else "; ".join(f"{value:g}" for value in row[key])
+            for key, label in columns.items()
+        }
+        for row in record["rows"]
+    }
+    return table(cells, "median; 95th percentile")
 
 
 def table(cells: dict[str, dict[str, str]], corner: str) -> str:
@@ -206,19 +260,28 @@ def read(name: str) -> list[Record] | None:
     return json.loads(path.read_text(encoding="utf-8")) if path.exists() else None
 
 
+WHOLE: dict[str, tuple[str, Callable[[Any], str]]] = {
+    "demo": ("demo", demo),
+    "ablation": ("ablation", ablation),
+    "sizes": ("ablation", sizes),
+    "reality_table": ("reality_table", reality),
+}
+"""Tables that are made of all of a file, by the name between the marks."""
+
+
 def renewed(page: str) -> str:
     """The page with its tables written anew; one whose run is not kept stays."""
 
     def table(found: re.Match[str]) -> str:
         name = found.group(1)
-        records = read(name)
         if name == "overview":
             body = overview()
         elif name == "peers":
             body = peers()
-        elif name == "demo" and records is not None:
-            body = demo(records)
-        elif records is not None:
+        elif name in WHOLE:
+            run, made = WHOLE[name]
+            body = made(json.loads((RESULTS / f"{run}.json").read_text(encoding="utf-8")))
+        elif (records := read(name)) is not None:
             body = "\n\n".join(tables(name, records))
         else:
             return found.group()

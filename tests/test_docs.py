@@ -110,20 +110,6 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return made
 
 
-def test_commands_of_the_readme_run(folder: Path) -> None:
-    for words in commands(ROOT / "README.md"):
-        done = subprocess.run([sys.executable, "-m", *words], cwd=folder, capture_output=True, text=True, check=False)
-        assert done.returncode == 0, done.stderr
-    assert {"report.html", "identified.urdf", "payload.html"} <= {path.name for path in folder.iterdir()}
-
-
-def test_the_first_five_minutes_run(tmp_path: Path) -> None:
-    for words in commands(ROOT / "docs" / "start.md"):
-        done = subprocess.run([sys.executable, "-m", *words], cwd=tmp_path, capture_output=True, text=True, check=False)
-        assert done.returncode == 0, done.stderr
-    assert {"payload.html", "legs.html", "identified.urdf"} <= {path.name for path in tmp_path.iterdir()}
-
-
 ELSEWHERE = {
     "demo": "tests/lab/demo",
     "reproduce": "tests/lab/experiments, tests/cli/test_reproduce.py",
@@ -137,11 +123,13 @@ ELSEWHERE = {
     "poses.csv": "tests/weigh/test_without_imu.py",
     "log.parquet": "tests/cli/test_simulate.py",
     "--columns": "tests/logs/test_foreign.py: logs of other tools",
+    "walk.parquet": "tests/test_paths.py, on a bag",
+    "stand.csv": "tests/weigh/test_own_method.py",
     "--pd": "tests/logs/test_foreign.py: desired positions",
 }
 """Commands that other tests run, by a word of theirs."""
 
-OWN = {ROOT / "README.md", ROOT / "docs" / "start.md"}
+OWN = {ROOT / "README.md", ROOT / "docs" / "start.md"}  # tests/test_paths.py
 AT_HAND = {"go2": "hyq", "0:10": "0:1.2", "0:4": "0:1.2"}
 """What commands name that is not here, and what is."""
 
@@ -176,27 +164,15 @@ def test_commands_of_the_other_pages_run(page: Path, logs: Path, monkeypatch: py
         assert not ended.value.code, words
 
 
-def test_the_site_is_built(tmp_path: Path) -> None:
-    """Links, references and docstrings that lead nowhere fail it."""
-    pytest.importorskip("mkdocs", reason="needs pip install 'stadera[docs]'")
-    built = [sys.executable, "-m", "mkdocs", "build", "--quiet", "--site-dir", str(tmp_path)]
-    done = subprocess.run(built, cwd=ROOT, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    named = re.findall(r"\b([\w/-]+)\.md", (ROOT / "mkdocs.yml").read_text())
-    assert not [name for name in named if not (tmp_path / f"{name}.html").exists()]
-    assert "TrunkEstimator" in (tmp_path / "reference" / "python.html").read_text()
-    assert "--tare" in (tmp_path / "reference" / "cli.html").read_text()
-
-
 def blocks(page: Path) -> str:
     """The Python of a page, its blocks one after the other."""
     return "\n".join(re.findall(r"^```python\n(.*?)^```", page.read_text(), re.MULTILINE | re.DOTALL))
 
 
 @pytest.mark.parametrize("page", [page for page in CURRENT if blocks(page)], ids=ids)
-def test_python_runs(page: Path, folder: Path) -> None:
-    done = subprocess.run([sys.executable, "-c", blocks(page)], cwd=folder, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
+def test_python_runs(page: Path, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(folder)
+    exec(compile(blocks(page), str(page), "exec"), {"__name__": "__main__"})
 
 
 # -- the published experiments ----------------------------------------------------------------------------------------
@@ -213,9 +189,9 @@ def test_tables_of_the_experiments_are_those_of_the_runs() -> None:
     made = experiment_tables()
     pages = [path.read_text() for path in made.PAGES]
     assert list(map(made.renewed, pages)) == pages, "python docs/experiment_tables.py writes them"
-    page = pages[0]
-    for block in re.findall(r"(?:^\|.*\n)+", page, re.MULTILINE):
+    for block in re.findall(r"(?:^\|.*\n)+", "\n".join(pages), re.MULTILINE):
         assert len({len(re.findall(r"(?<!\\)\|", row)) for row in block.splitlines()}) == 1, block
+    page = (ROOT / "docs" / "validation" / "paper.md").read_text()
     commands_listed = [line.split("`")[1] for line in page.splitlines() if line.startswith("| `stadera reproduce")]
     assert len(commands_listed) == len(set(commands_listed)), "a row a command"
     kept = {path.stem for path in made.RESULTS.glob("*.json")}
@@ -223,6 +199,22 @@ def test_tables_of_the_experiments_are_those_of_the_runs() -> None:
         {"table1", "fig4", "fig5", "fig6", "demo"} <= kept <= {*made.TIMES, *made.STUDIES, "demo", "peers", "survival"}
     )
     assert sum(path.stat().st_size for path in made.RESULTS.iterdir()) < 300_000
+
+
+def test_figures_of_the_experiments_are_those_of_the_runs() -> None:
+    pytest.importorskip("matplotlib", reason="needs pip install 'stadera[figures]'")
+    sys.path.insert(0, str(ROOT / "docs"))
+    made = import_module("result_figures")
+    drawn = {name: (ROOT / "docs" / "figures" / f"{name}.svg").read_text() for name in made.FIGURES}
+    assert [name for name in drawn if made.source(name) not in drawn[name]] == [], "python docs/result_figures.py"
+
+
+def test_every_figure_is_shown_and_made() -> None:
+    shown = "\n".join(page.read_text() for page in CURRENT)
+    figures = sorted((ROOT / "docs" / "figures").iterdir())
+    assert not [path.name for path in figures if f"figures/{path.name}" not in shown]
+    makers = "\n".join(path.read_text() for path in (ROOT / "docs").glob("*.py"))
+    assert not [path.name for path in figures if path.stem not in makers]
 
 
 def test_a_missed_bound_is_marked() -> None:

@@ -16,7 +16,7 @@ from stadera.lab.truth import truth_json
 from stadera.robot import load_robot
 
 GO2 = load_robot("go2")
-SEED = 2138884369
+SEED = 35
 
 
 def test_the_same_seed_is_the_same_robot() -> None:
@@ -54,6 +54,6 @@ def test_a_draw_that_is_not_clear_is_drawn_again() -> None:
     """The first draw of this seed cannot be drawn in to ANYmal's rest pose."""
     robot = load_robot("anymal_b")
     with pytest.raises(IdentificationError):
-        paper_draw(robot, "RF", np.random.default_rng((SEED, 1)), 40.0)
-    run = swing(robot, "RF", SimulateSettings(errors="ideal", seed=SEED, duration=40.0))
+        paper_draw(robot, "RF", np.random.default_rng((SEED, 1)), 4.0)
+    run = swing(robot, "RF", SimulateSettings(errors="ideal", seed=SEED, duration=4.0))
     assert np.ptp(run.recording.position, axis=0).min() > 0.1
