@@ -9,7 +9,8 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from stadera.logs.tables.arrow import batch_of
+from stadera.errors import RecordingError
+from stadera.logs.tables.arrow import _batches_of
 
 ROWS = 300
 COLUMNS = {
@@ -26,14 +27,18 @@ COLUMNS = {
 @pytest.mark.parametrize(("start", "count"), [(0, ROWS), (3, 200), (13, 0), (64, 1)])
 def test_values_and_blanks_are_those_of_python(start: int, count: int) -> None:
     table = pa.RecordBatch.from_pydict(COLUMNS).slice(start, count)
-    batch = batch_of(table, tuple(COLUMNS), "log")
+    (batch,) = _batches_of([table], tuple(COLUMNS), "log")
     given = np.array([[np.nan if v is None else float(v) for v in column.to_pylist()] for column in table.columns])
-    np.testing.assert_array_equal(batch.values, given)
-    assert batch.blank is None if not count else np.array_equal(batch.blank, np.isnan(given))
+    np.testing.assert_array_equal(batch, given)
 
 
-def test_columns_without_nulls_have_no_blanks() -> None:
-    assert batch_of(pa.RecordBatch.from_pydict(COLUMNS), ("double", "truth"), "log").blank is None
+def test_nan_that_is_no_blank_names_its_sample() -> None:
+    first = pa.RecordBatch.from_pydict({"a": [1.0, None, 2.0], "b": [1.0, np.nan, 2.0]})
+    second = pa.RecordBatch.from_pydict({"a": [1.0, 2.0], "b": [1.0, np.nan]})
+    batches = _batches_of([first, second], ("a", "b"), "log")
+    assert np.isnan(next(batches)[:, 1]).all()
+    with pytest.raises(RecordingError, match="log: column 'b' is nan at sample 4"):
+        next(batches)
 
 
 def test_reading_parquet_does_not_import_pandas() -> None:

@@ -20,7 +20,7 @@ from stadera.logs.bags.decode import IMU, Decoder, decoder
 from stadera.logs.bags.log import stamped
 from stadera.logs.bags.merging import Merging, beginning_of
 from stadera.logs.bags.unitree import LOW_STATES
-from stadera.logs.batches import Batch, recordings
+from stadera.logs.batches import recordings
 from stadera.logs.columns import TIME, Layout, layout
 from stadera.logs.recording import Recording
 from stadera.logs.topics import AS_RECORDED, Reading, Topics
@@ -63,7 +63,7 @@ class Intake:
         self._merging: Merging | None = None
         self._layout: Layout | None = None
         self._fault = ""
-        self._held: Batch | None = None
+        self._held: Array | None = None
         self._progress = 0.0  # arrival of the last message that completed a sample
         self._known_joints = 0.0  # arrival of the last message of a known publisher
         self._last, self._period = np.nan, np.nan
@@ -205,17 +205,17 @@ class Intake:
         """Restarts the determination of the layout."""
         self._merging, self._fault, self._head = None, fault, []
 
-    def _rows(self, merging: Merging) -> Batch | None:
+    def _rows(self, merging: Merging) -> Array | None:
         """Complete rows, at least two; fewer are kept for the next call."""
         before = sum(track.out_of_order for track in merging.tracks)
         batch = merging.batch()
         self.lost["left out"] += sum(track.out_of_order for track in merging.tracks) - before
         if batch is not None:
-            complete = np.isfinite(batch.values).all(axis=0)
+            complete = np.isfinite(batch).all(axis=0)
             self.lost["left out"] += int(np.count_nonzero(~complete))
-            rows = Batch(batch.values[:, complete])
-            self._held = rows if self._held is None else Batch.joined([self._held, rows])
-        if self._held is None or len(self._held) < 2:
+            rows = batch[:, complete]
+            self._held = rows if self._held is None else np.concatenate([self._held, rows], axis=1)
+        if self._held is None or self._held.shape[1] < 2:
             return None
         rows, self._held = self._held, None
         return rows

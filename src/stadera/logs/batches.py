@@ -1,5 +1,7 @@
 """Converts batches of a table's columns to recordings: drops rows with blanks, checks every value, corrects the clock,
 cuts even chunks.
+
+A batch is an array (columns, rows) of consecutive rows, its columns those of `Layout.columns`; a blank cell is NaN.
 """
 
 from __future__ import annotations
@@ -92,34 +94,7 @@ def rows_at_once(columns: int) -> int:
     return max(1, min(MOST_ROWS, (1 << 22) // max(columns, 1)))
 
 
-@dataclass(frozen=True, eq=False)
-class Batch:
-    """Consecutive rows of a table: values (columns, rows), as `Layout.columns`, and which cells have none; None for
-    none.
-    """
-
-    values: Array
-    blank: Bools | None = None
-
-    def __len__(self) -> int:
-        return int(self.values.shape[1])
-
-    def __getitem__(self, rows: slice) -> Batch:
-        return Batch(self.values[:, rows], None if self.blank is None else self.blank[:, rows])
-
-    @classmethod
-    def joined(cls, batches: Sequence[Batch]) -> Batch:
-        """Joins consecutive batches."""
-        if len(batches) == 1:
-            return batches[0]
-        values = np.concatenate([batch.values for batch in batches], axis=1)
-        if all(batch.blank is None for batch in batches):
-            return cls(values)
-        blanks = [np.zeros(b.values.shape, dtype=bool) if b.blank is None else b.blank for b in batches]
-        return cls(values, np.concatenate(blanks, axis=1))
-
-
-def recordings(batches: Iterable[Batch], layout: Layout, source: str, rows: int | None) -> Iterator[Recording]:
+def recordings(batches: Iterable[Array], layout: Layout, source: str, rows: int | None) -> Iterator[Recording]:
     """Yields recordings of `rows` samples each (the last one shorter; None: a single one) from batches of any length.
 
     A blank cell is a dropout: its row is removed, counted and noted.
@@ -131,7 +106,7 @@ def recordings(batches: Iterable[Batch], layout: Layout, source: str, rows: int 
     clock, row, samples = RowClock(source), 0, 0
     for batch in _rebatched(in_si(batches, layout), rows):
         chunk = _recording(batch, layout, source, row, clock)
-        row += len(batch)
+        row += batch.shape[1]
         if chunk is not None:
             samples += len(chunk)
             yield chunk
@@ -140,40 +115,35 @@ def recordings(batches: Iterable[Batch], layout: Layout, source: str, rows: int 
         raise RecordingError(f"{source}: too few samples: {samples}{blank}, at least 2 are needed")
 
 
-def within(batches: Iterable[Batch], budget: Budget, rows: int | None) -> Iterator[Batch]:
+def within(batches: Iterable[Array], budget: Budget, rows: int | None) -> Iterator[Array]:
     """Yields the batches within the budget, else raises LimitError; with `rows` None they count as kept in memory."""
     for batch in budget.timed(batches):
         if rows is None:
-            budget.hold(batch.values.nbytes)
+            budget.hold(batch.nbytes)
         yield batch
 
 
-def in_si(batches: Iterable[Batch], layout: Layout) -> Iterator[Batch]:
+def in_si(batches: Iterable[Array], layout: Layout) -> Iterator[Array]:
     """Yields the batches with every column multiplied by its factor."""
-    if not layout.factors:
-        yield from batches
-        return
     factors = np.array([layout.factors.get(name, 1.0) for name in layout.columns])[:, None]
-    for batch in batches:
-        yield Batch(batch.values * factors, batch.blank)
+    return (batch * factors if layout.factors else batch for batch in batches)
 
 
-def _rebatched(batches: Iterable[Batch], rows: int | None) -> Iterator[Batch]:
-    waiting: list[Batch] = []
+def _rebatched(batches: Iterable[Array], rows: int | None) -> Iterator[Array]:
+    waiting: list[Array] = []
     count = 0
     for batch in batches:
         waiting.append(batch)
-        count += len(batch)
+        count += batch.shape[1]
         if rows is not None and count >= rows:
-            whole, full = Batch.joined(waiting), count - count % rows
-            for start in range(0, full, rows):
-                yield whole[start : start + rows]
-            waiting, count = [whole[full:]], count - full
+            whole, full = np.concatenate(waiting, axis=1), count - count % rows
+            yield from (whole[:, start : start + rows] for start in range(0, full, rows))
+            waiting, count = [whole[:, full:]], count - full
     if count:
-        yield Batch.joined(waiting)
+        yield np.concatenate(waiting, axis=1)
 
 
-def _recording(batch: Batch, layout: Layout, source: str, first: int, clock: RowClock) -> Recording | None:
+def _recording(batch: Array, layout: Layout, source: str, first: int, clock: RowClock) -> Recording | None:
     values, samples, notes = _without_dropouts(batch, layout.columns, first)
     if not len(samples):
         return None
@@ -225,18 +195,18 @@ def _with_pd_effort(recording: Recording, pd: PdGains, desired: dict[str, Array]
 
 
 def _without_dropouts(
-    batch: Batch, columns: Sequence[str], first: int
+    batch: Array, columns: Sequence[str], first: int
 ) -> tuple[Array, NDArray[np.int64], tuple[str, ...]]:
     """The rows without blank cells, their indices in the log, and a note on the others."""
-    samples = np.arange(first, first + len(batch))
-    if batch.blank is None or not batch.blank.any():
-        return batch.values, samples, ()
-    valid: Bools = np.logical_not(batch.blank.any(axis=0))
+    blank, samples = np.isnan(batch), np.arange(first, first + batch.shape[1])
+    valid: Bools = np.logical_not(blank.any(axis=0))
+    if valid.all():
+        return batch, samples, ()
     holes = int(np.count_nonzero(np.diff(valid.astype(np.int8), prepend=1) == -1))
     at = int(np.argmin(valid))
-    name = columns[int(np.argmax(batch.blank[:, at]))]
+    name = columns[int(np.argmax(blank[:, at]))]
     note = (
         f"dropped {np.count_nonzero(~valid)} of {len(valid)} samples with blank cells, in {holes} "
         f"dropout{'s' * (holes > 1)}, the first at sample {samples[at]}, column {name!r}"
     )
-    return batch.values[:, valid], samples[valid], (note,)
+    return batch[:, valid], samples[valid], (note,)

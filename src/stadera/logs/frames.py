@@ -16,7 +16,7 @@ import numpy as np
 
 from stadera.errors import RecordingError
 from stadera.files import written_together
-from stadera.logs.batches import MOST_ROWS, Batch
+from stadera.logs.batches import MOST_ROWS
 from stadera.logs.columns import IMU_FRAME, TIME, layout
 from stadera.logs.recording import Recording
 from stadera.logs.tables.rows import table_recordings
@@ -48,8 +48,7 @@ def from_dataframe(
         raise RecordingError(
             f"{source}: column {wrong!r} has {len(columns[wrong])} values, {first!r} has {samples}; both need as many"
         )
-    values = np.stack(tuple(columns.values()))
-    return next(table_recordings([Batch(values, np.isnan(values))], found, source, None))
+    return next(table_recordings([np.stack(tuple(columns.values()))], found, source, None))
 
 
 def columns_of(recording: Recording) -> dict[str, Array]:

@@ -22,12 +22,12 @@ from stadera.logs.bags.container import Bag, BagSettings, Container, Message, Sa
 from stadera.logs.bags.decode import Decoder, decoder
 from stadera.logs.bags.merging import Merging, beginning_of, first_samples
 from stadera.logs.bags.unitree import LowStates
-from stadera.logs.batches import Batch, recordings, within
+from stadera.logs.batches import recordings, within
 from stadera.logs.columns import TIME, layout
 from stadera.logs.recording import Recording
 from stadera.logs.topics import LogFile, Reading
 from stadera.logs.units import Units
-from stadera.types import Bools
+from stadera.types import Array, Bools
 
 _EARLIEST, _LATEST = -(1 << 61), 1 << 62
 """Range of a stamp [ns], up to the year 2116. Differences of such stamps do not overflow."""
@@ -131,7 +131,7 @@ def _is_time(stamps: Stamps) -> Bools:
     return np.asarray((stamps >= _EARLIEST) & (stamps < _LATEST))
 
 
-def _batches(found: Iterable[Samples], merging: Merging, batch: int) -> Iterator[Batch]:
+def _batches(found: Iterable[Samples], merging: Merging, batch: int) -> Iterator[Array]:
     """The rows of all messages."""
     count = 0
     for samples in found:

@@ -13,8 +13,8 @@ from stadera.errors import RecordingError
 from stadera.logs.bags.alignment import Alignment, Track
 from stadera.logs.bags.container import BagSettings, Samples
 from stadera.logs.bags.decode import IMU_NAMES
-from stadera.logs.batches import Batch
 from stadera.logs.columns import TIME
+from stadera.types import Array
 
 Columns = tuple[str, ...]
 
@@ -184,15 +184,14 @@ class Merging:
             self.strangers += len(samples.stamp)
         return track is not None
 
-    def batch(self, *, final: bool = False) -> Batch | None:
+    def batch(self, *, final: bool = False) -> Array | None:
         """Rows completed since the last call, blank where a stream has no value; None if there are none. `final` if no
         more messages follow. Raises RecordingError: the stamps are not those of a clock.
         """
         stamps, values = self._alignment.rows(final=final)
         if not len(stamps):
             return None
-        cells = np.vstack([stamps / 1e9, values.T])[self._chosen]
-        return Batch(cells, np.isnan(cells))
+        return np.vstack([stamps / 1e9, values.T])[self._chosen]
 
     def notes(self) -> Iterator[str]:
         """Yields notes on the whole log after its end, one sentence each."""

@@ -20,10 +20,11 @@ from numpy.typing import NDArray
 from stadera.boundary import begins_with, foreign
 from stadera.errors import RecordingError
 from stadera.limits import Budget
-from stadera.logs.batches import Batch, rows_at_once
+from stadera.logs.batches import rows_at_once
 from stadera.logs.columns import CHANNELS
 from stadera.logs.tables.rows import OpenTable, TableReader
 from stadera.logs.topics import DESIRED
+from stadera.types import Array
 
 _AXES = {"angular_velocity": "xyz", "linear_acceleration": "xyz", "force": "xyz", "orientation": "xyzw"}
 _JOINTS = "joints"
@@ -78,7 +79,7 @@ class NpzTable(TableReader):
         """See `TableReader`."""
         columns = _npz_columns(budget)
 
-        def batches(names: tuple[str, ...], rows: int | None) -> Iterator[Batch]:
+        def batches(names: tuple[str, ...], rows: int | None) -> Iterator[Array]:
             return _batches(_npz_arrays({columns[name].array for name in names}, budget), columns, names, budget.path)
 
         return OpenTable(tuple(columns), batches)
@@ -106,7 +107,7 @@ class MatTable(TableReader):
 
 def _batches(
     arrays: Mapping[str, NDArray[Any]], columns: Mapping[str, Column], names: Sequence[str], path: Path
-) -> Iterator[Batch]:
+) -> Iterator[Array]:
     """The named columns, some rows at a time; NaN marks a blank cell, since arrays have no other mark."""
     found = {name: _column(arrays[columns[name].array], columns[name].index) for name in names}
     (first, samples), *others = ((name, len(column)) for name, column in found.items())
@@ -114,9 +115,7 @@ def _batches(
         raise RecordingError(f"{path}: {wrong[0]!r} has {wrong[1]} values, {first!r} has {samples}; both need as many")
     count = min(16384, rows_at_once(len(names)))
     for start in range(0, samples, count):
-        values = np.array([column[start : start + count] for column in found.values()], dtype=np.float64)
-        blank = np.isnan(values)
-        yield Batch(values, blank if blank.any() else None)
+        yield np.array([column[start : start + count] for column in found.values()], dtype=np.float64)
 
 
 def _column(array: NDArray[Any], index: int | None) -> NDArray[Any]:

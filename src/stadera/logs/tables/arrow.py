@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -14,9 +14,10 @@ import numpy as np
 from stadera.boundary import begins_with, foreign
 from stadera.errors import RecordingError
 from stadera.limits import Budget
-from stadera.logs.batches import MOST_ROWS, Batch, rows_at_once
+from stadera.logs.batches import MOST_ROWS, rows_at_once
 from stadera.logs.columns import IMU_FRAME
 from stadera.logs.tables.rows import OpenTable, TableReader
+from stadera.types import Array
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -95,7 +96,7 @@ def _dialect(path: Path) -> Dialect:
     return Dialect(tuple(name.strip() for name in header), skip + 1, separator, decimal)
 
 
-def _batches(path: Path, dialect: Dialect, columns: tuple[str, ...]) -> Iterator[Batch]:
+def _batches(path: Path, dialect: Dialect, columns: tuple[str, ...]) -> Iterator[Array]:
     import pyarrow as pa
     from pyarrow import csv as pacsv
 
@@ -118,8 +119,7 @@ def _batches(path: Path, dialect: Dialect, columns: tuple[str, ...]) -> Iterator
                 pa.input_stream(str(path), compression=packed) as unpacked,
                 pacsv.open_csv(unpacked, reading, parsing, converting) as reader,
             ):
-                for batch in reader:
-                    yield batch_of(batch, columns, str(path))
+                yield from _batches_of(reader, columns, str(path))
         except pa.ArrowInvalid as error:
             raise _explained(str(error), path, dialect) from None
 
@@ -162,7 +162,7 @@ class ParquetTable(TableReader):
         return OpenTable(names, lambda found, rows: _parquet_batches(found, rows or MOST_ROWS, budget), frame or None)
 
 
-def _parquet_batches(columns: tuple[str, ...], rows: int, budget: Budget) -> Iterator[Batch]:
+def _parquet_batches(columns: tuple[str, ...], rows: int, budget: Budget) -> Iterator[Array]:
     """Raises LimitError if row groups are larger than the budget allows. Only their totals are read: Arrow ends the
     process if a column's statistics, which it reads along with the column's size, contradict its type.
     """
@@ -174,27 +174,38 @@ def _parquet_batches(columns: tuple[str, ...], rows: int, budget: Budget) -> Ite
         largest = max((group.total_byte_size / max(group.num_columns, 1) for group in groups), default=0.0)
         budget.require_unpacked(largest, "a column of a row group")
         count = min(rows, rows_at_once(len(columns)), at_once)
-        for batch in file.iter_batches(count, columns=list(columns), use_threads=False):
-            yield batch_of(batch, columns, str(path))
+        yield from _batches_of(file.iter_batches(count, columns=list(columns), use_threads=False), columns, str(path))
 
 
-def batch_of(table: pa.RecordBatch, columns: Sequence[str], source: str) -> Batch:
-    """Selects these columns of a record batch. A null is a blank cell. Raises RecordingError: a column is not numeric.
-    Integers are rounded to the nearest double.
+def _batches_of(tables: Iterable[pa.RecordBatch], columns: Sequence[str], source: str) -> Iterator[Array]:
+    """Yields these columns of consecutive record batches; a null is a blank cell. Integers are rounded to the nearest
+    double. Raises RecordingError: a column is not numeric, or NaN in a row without blank cells.
     """
+    row = 0
+    for table in tables:
+        yield _batch_of(table, columns, source, row)
+        row += table.num_rows
+
+
+def _batch_of(table: pa.RecordBatch, columns: Sequence[str], source: str, first: int) -> Array:
     values = np.empty((len(columns), table.num_rows))
-    blank = np.zeros(values.shape, dtype=bool) if any(table.column(name).null_count for name in columns) else None
+    blank = np.zeros(values.shape, dtype=bool)
     for i, name in enumerate(columns):
         cells = _numbers(table.column(name), name, source)
         valid, numbers = cells.buffers()  # `to_numpy` would import pandas
         if not len(cells) or numbers is None:
+            blank[i] = True
             continue
         values[i] = np.frombuffer(numbers, np.float64, len(cells), 8 * cells.offset)
-        if blank is not None and cells.null_count:
+        if cells.null_count:
             bits = np.unpackbits(np.frombuffer(valid, np.uint8), count=cells.offset + len(cells), bitorder="little")
             blank[i] = bits[cells.offset :] == 0
-            values[i, blank[i]] = np.nan
-    return Batch(values, blank)
+    wrong = np.isnan(values) & ~blank.any(axis=0)
+    if wrong.any():
+        row, column = np.argwhere(wrong.T)[0]
+        raise RecordingError(f"{source}: column {columns[column]!r} is nan at sample {first + row}")
+    values[blank] = np.nan
+    return values
 
 
 def _numbers(column: pa.Array, name: str, source: str) -> pa.Array:

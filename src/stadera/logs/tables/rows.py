@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from stadera.limits import Budget
-from stadera.logs.batches import Batch, in_si, recordings, within
+from stadera.logs.batches import in_si, recordings, within
 from stadera.logs.columns import TIME, Layout, layout
 from stadera.logs.recording import Recording
 from stadera.logs.topics import LogFile
@@ -26,7 +26,7 @@ class OpenTable:
     """A file whose header was read."""
 
     names: tuple[str, ...]  # of the columns
-    batches: Callable[[tuple[str, ...], int | None], Iterable[Batch]]  # of some columns, for recordings of so many rows
+    batches: Callable[[tuple[str, ...], int | None], Iterable[Array]]  # of some columns, for recordings of so many rows
     imu_frame: str | None = None
 
 
@@ -60,7 +60,7 @@ class TableReader(ABC):
         return table_recordings(batches, replace(found, imu_frame=table.imu_frame), path, rows)
 
 
-def table_recordings(batches: Iterable[Batch], layout: Layout, source: str, rows: int | None) -> Iterator[Recording]:
+def table_recordings(batches: Iterable[Array], layout: Layout, source: str, rows: int | None) -> Iterator[Recording]:
     """Like `recordings`, for batches whose rows are the columns that the log records (`Layout.recorded`).
 
     Stamps in whole milliseconds, microseconds or nanoseconds since 1970 are recognised if no unit is given. A table
@@ -75,7 +75,7 @@ def table_recordings(batches: Iterable[Batch], layout: Layout, source: str, rows
         yield from recordings((), layout, source, rows)
         return
     batches = chain([first], batches)
-    if layout.rate_hz is None and not layout.stamped and (unit := unix_unit(_stamps(first))):
+    if layout.rate_hz is None and not layout.stamped and (unit := unix_unit(first[0, ~np.isnan(first[0])])):
         note = f"converted to SI units: time, which is Unix time in {unit}"
         factors = {**layout.factors, TIME: FACTORS[TIME][unit]}
         layout = replace(layout, factors=factors, notes=(*layout.notes, note))
@@ -85,36 +85,28 @@ def table_recordings(batches: Iterable[Batch], layout: Layout, source: str, rows
     yield from recordings(batches, layout, source, rows)
 
 
-def _stamps(batch: Batch) -> Array:
-    time: Array = batch.values[0]
-    return time if batch.blank is None else time[~batch.blank[0]]
-
-
-def _stamped(batches: Iterable[Batch], rate_hz: float) -> Iterator[Batch]:
+def _stamped(batches: Iterable[Array], rate_hz: float) -> Iterator[Array]:
     row = 0
     for batch in batches:
-        time = np.arange(row, row + len(batch)) / rate_hz
-        blank = None if batch.blank is None else np.vstack([np.zeros(len(batch), dtype=bool), batch.blank])
-        yield Batch(np.vstack([time, batch.values]), blank)
-        row += len(batch)
+        samples = batch.shape[1]
+        yield np.vstack([np.arange(row, row + samples) / rate_hz, batch])
+        row += samples
 
 
-def is_interleaved(batch: Batch, layout: Layout, few: float = 0.5) -> bool:
+def is_interleaved(batch: Array, layout: Layout, few: float = 0.5) -> bool:
     """True if most rows at the log's beginning lack either the joints' values or the IMU's.
 
     Below a share of `few` complete rows [1] a table counts as interleaved: so many blanks are not a sensor's dropouts.
     """
-    if batch.blank is None:
-        return False
     joints, imu = _complete(batch, layout)
     if not joints.any():
         return False
     many = int(np.count_nonzero(joints))
     apart = bool(layout.imu) and bool(imu.any()) and bool(np.count_nonzero(joints & imu) < few * many)
-    return apart or many < few * len(batch)
+    return apart or many < few * batch.shape[1]
 
 
-def aligned(batches: Iterable[Batch], layout: Layout) -> Iterator[Batch]:
+def aligned(batches: Iterable[Array], layout: Layout) -> Iterator[Array]:
     """Yields the joints' rows, with the IMU's values interpolated at their stamps; blank where the IMU has a gap. The
     batches are in SI units.
     """
@@ -132,16 +124,15 @@ def aligned(batches: Iterable[Batch], layout: Layout) -> Iterator[Batch]:
         if batch is not None:
             complete = _complete(batch, layout)
             for track, rows, chosen in zip(tracks, (of_joints, of_imu), complete, strict=False):
-                track.extend(np.round(1e9 * batch.values[0, chosen]).astype(np.int64), batch.values[rows][:, chosen].T)
+                track.extend(np.round(1e9 * batch[0, chosen]).astype(np.int64), batch[rows][:, chosen].T)
         stamps, values = alignment.rows(final=batch is None)
         if len(stamps):
-            cells = np.vstack([stamps / 1e9, values.T])[order]
-            yield Batch(cells, np.isnan(cells))
+            yield np.vstack([stamps / 1e9, values.T])[order]
 
 
-def _complete(batch: Batch, layout: Layout) -> tuple[Bools, Bools]:
+def _complete(batch: Array, layout: Layout) -> tuple[Bools, Bools]:
     """Rows in which all of the joints' columns have values, and rows in which all of the IMU's have."""
-    blank = np.zeros(batch.values.shape, dtype=bool) if batch.blank is None else batch.blank
+    blank = np.isnan(batch)
     imu = {name for names in layout.imu.values() for name in names}
     is_imu = np.array([name in imu for name in layout.columns])
     stamped = ~blank[0]
