@@ -75,6 +75,7 @@ def of_file(name: str) -> Case:
         np.full(len(legs), size, dtype=np.int64),
         np.array([point for _, point in points]),
         np.zeros(len(legs)),
+        np.zeros((len(legs), 3)),
         np.zeros(10),
     )
     return Case(model, body, points)
@@ -82,7 +83,7 @@ def of_file(name: str) -> Case:
 
 def of_robot(name: str) -> Case:
     robot = load_robot(name)
-    model, body = pinocchio_model(robot), Body.of(robot)
+    model, body = pinocchio_model(robot), Body.of(robot, others=False)
     points = [(2 + leg[-1], point) for leg, point in zip(body.legs, body.points, strict=True)]
     return Case(model, body, points)
 
@@ -148,7 +149,27 @@ def test_contact_forces_and_inertia_leave_the_trunks_own_wrench(name: str) -> No
     np.testing.assert_allclose(state.pace, pace, atol=1e-11)
 
 
-@pytest.mark.parametrize("name", ["go2", "b1_z1", "g1", "g1_on_points"])
+def test_five_joints_tell_all_of_a_flat_foots_contact_but_one_moment() -> None:
+    robot, found = load_robot("h1"), case("h1")
+    assert [leg.unfelt for leg in robot.legs] == 2 * [(1.0, 0.0, 0.0)]
+    assert [leg.unfelt_arm for leg in robot.legs] == pytest.approx(2 * [0.015])  # half the width of its feet
+    motion, rng = drawn(found.body, 0), np.random.default_rng(1)
+    forces = 0.3 * found.mass * 9.81 * rng.normal(size=(SAMPLES, 2, 6))
+    b, tau, feet, _ = expected(found, motion, forces)
+    state = found.body.at(motion)
+    own = rows(found.body, state, tau)
+    data = found.model.createData()
+    for k in range(SAMPLES):
+        q = np.concatenate([np.zeros(6), [1.0], motion.position[k]])
+        pin.forwardKinematics(found.model, data, q)
+        for leg, (joint, _) in enumerate(found.points):
+            own[k] += (data.oMi[joint].rotation @ found.body.about[leg] @ forces[k, leg, 3:]) * state.unfelt[k, leg]
+    assert np.abs(own - rows(found.body, state, tau)).max() > 10.0
+    np.testing.assert_allclose(own, b, atol=1e-9 * float(np.abs(tau).max()), rtol=0.0)
+    np.testing.assert_allclose(state.feet, feet, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["go2", "b1_z1", "g1", "h1", "g1_on_points"])
 def test_columns_are_what_other_links_change(name: str) -> None:
     """Rows are linear in the links' parameters: what another link changes is its column times the difference."""
     found = case(name)

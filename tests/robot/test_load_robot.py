@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+import shutil
 from pathlib import Path
 
 import mujoco
@@ -105,6 +107,18 @@ def test_the_go2_needs_no_other_package_and_is_the_published_one(monkeypatch: py
     ours = load_robot("go2")
     for kept in ("tree", "legs", "inertias", "limits", "frames", "dynamics"):
         assert repr(getattr(ours, kept)) == repr(getattr(published, kept))
+
+
+def test_the_h1_is_a_model_file_and_nothing_else(tmp_path: Path) -> None:
+    """Flat feet on five joints come from the file alone; of code only the catalogue knows the robot's name."""
+    named = load_robot("h1")
+    assert named.source is not None
+    unknown = load_robot(Path(shutil.copy(named.source, tmp_path / "robot.urdf")))
+    for kept in ("tree", "legs", "inertias", "limits", "frames", "dynamics", "notes"):
+        assert repr(getattr(unknown, kept)) == repr(getattr(named, kept))
+    source = Path(catalog.__file__).parent.parent
+    knowing = [file.name for file in source.rglob("*.py") if re.search(r"\bh1", file.read_text(encoding="utf-8"), re.I)]
+    assert knowing == ["catalog.py"]
 
 
 # -- MJCF against MuJoCo --------------------------------------------------------------------------------------------

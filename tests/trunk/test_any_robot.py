@@ -16,7 +16,7 @@ from scipy.interpolate import make_interp_spline
 
 from robot.robot_files import urdf, urdf_leg, write
 from stadera import identify, weigh
-from stadera.errors import UnknownNameError
+from stadera.errors import IdentificationError, UnknownNameError
 from stadera.inertia import InertialParameters
 from stadera.logs import Imu, Recording, write_table
 from stadera.robot import JointDynamics, Robot, load_robot
@@ -34,11 +34,14 @@ FILES = {
 BENT = {
     "g1_29dof_rev_1_0": (-0.4, 0.0, 0.0, 0.8, -0.4, 0.0),
     "talos": (0.0, 0.0, -0.4, 0.8, -0.4, 0.0),
+    "h1": (0.0, 0.0, -0.4, 0.8, -0.4),
 }
 """Joint positions of a leg about which it sways [rad], by robot; else those of three joints."""
 
 
 def of_file(name: str) -> Robot:
+    if name not in FILES:
+        return load_robot(name)
     folder = _example_robot_data()
     if folder is None:
         pytest.skip("example-robot-data is not installed")
@@ -119,8 +122,9 @@ def swaying(
     own = [legs.index(joint) for joint in robot.tree.joints]
     q, v, a = (np.hstack([path(time, nu)[:, own], other]) for nu, other in enumerate(others))
     force, effort = np.empty((len(time), 3)), np.empty((len(time), len(joints)))
-    points = [(model.getJointId(leg.joints[-1]), np.array(leg.foot_position), leg.contact) for leg in robot.legs]
-    radii = [leg.foot_radius for leg in robot.legs]
+    points = [(model.getJointId(leg.joints[-1]), leg) for leg in robot.legs]
+    weight = 9.81 * robot.mass / len(points)
+    moments, _, _ = waves(rng, time, np.array([0.8 * weight * leg.unfelt_arm for leg in robot.legs]))
     loaded = model.copy()
     for joint in at or (model.names[1],):
         loaded.inertias[model.getJointId(joint)] += load.to_pinocchio()
@@ -135,11 +139,14 @@ def swaying(
         needed = np.array(pin.rnea(now, data, state, rate, more))
         pin.computeJointJacobians(now, data, state)
         J = []
-        for (joint, at, contact), radius in zip(points, radii, strict=True):
-            point = data.oMi[joint].act(at) - radius * up
+        for (joint, leg), moment in zip(points, moments[k], strict=True):
+            point = data.oMi[joint].act(np.array(leg.foot_position)) - leg.foot_radius * up
             whole = np.array(pin.getJointJacobian(now, data, joint, pin.ReferenceFrame.WORLD))
             whole[:3] -= pin.skew(point) @ whole[3:]
-            J.append(whole[:contact])
+            about = data.oMi[joint].rotation @ np.array(leg.unfelt)
+            needed -= moment * about @ whole[3:]
+            whole[3:] -= np.outer(about, about @ whole[3:])  # that moment is not what is needed, but what is drawn
+            J.append(whole[: leg.contact])
         stacked = np.vstack(J)
         needed -= stacked.T @ (np.linalg.pinv(stacked[:, :6].T) @ needed[:6])
         assert np.abs(needed[:6]).max() < 1e-8
@@ -149,7 +156,7 @@ def swaying(
 
 
 @pytest.mark.parametrize(
-    ("name", "arms"), [("g1", 0.0), ("g1", 0.3), ("talos", 0.1), ("b1_z1", 0.4), (3, 0.0), (6, 0.0)]
+    ("name", "arms"), [("g1", 0.0), ("g1", 0.3), ("talos", 0.1), ("h1", 0.2), ("b1_z1", 0.4), (3, 0.0), (6, 0.0)]
 )
 def test_a_payload_is_weighed_on_any_legs(name: str | int, arms: float, tmp_path: Path) -> None:
     robot = with_legs(name, tmp_path) if isinstance(name, int) else of_file(name)
@@ -255,6 +262,12 @@ def test_a_payload_is_weighed_at_rest_on_any_legs(name: str | int, imu: bool, tm
     assert found.balance is not None
     np.testing.assert_allclose(found.balance.force.sum(), 9.81 * (robot.mass + mass), rtol=1e-3)
     np.testing.assert_allclose(found.balance.pressure, found.balance.robot_com, atol=0.005)
+
+
+def test_a_method_at_rest_says_that_five_joints_leave_a_moment_open() -> None:
+    robot = of_file("h1")
+    with pytest.raises(IdentificationError, match="five joints leave a moment of left, right open; 'walking' knows"):
+        weigh(robot, standing(robot, InertialParameters.zero()), method="poses")
 
 
 IN_HAND = InertialParameters.from_com(2.0, (0.08, 0.01, 0.02), 0.01 * np.eye(3))

@@ -35,7 +35,7 @@ def test_the_variance_is_that_of_errors_drawn_along_any_direction_of_the_sway() 
     rng = np.random.default_rng(3)
     rows = _swaying(rng, 200)
     root = rng.normal(size=(12, 12))
-    sums, weights = RowMoments.none(12), np.zeros(0)
+    sums, weights = RowMoments.none(slice(0, 12)), np.zeros(0)
     for row in rows:
         sums, weights = sums.add(row, row.errors[:, PLACES["stiction"]], KEEP), np.append(KEEP * weights, 1.0)
     stated = sums.follows_motion(root @ root.T, LENGTH)

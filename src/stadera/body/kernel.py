@@ -172,33 +172,56 @@ def least_squares(J: Array, square: Array, back: Array, out: Array) -> float:
 
 @part
 def map_leg(
-    joints: Ints, n: int, size: int, point: Vector, o: Array, s: Array, rooms: Array, at: int, E: Array
+    joints: Ints,
+    n: int,
+    size: int,
+    point: Vector,
+    about: Vector,
+    o: Array,
+    s: Array,
+    rooms: Array,
+    at: int,
+    leg: int,
+    E: Array,
+    unfelt: Array,
 ) -> float:
     """Writes E (joints, 6) of a leg's joints at sample `at`: the trunk's wrench for a unit of h - τ, from a contact at
     a point with `size` components. Returns det J, or √(det J Jᵀ) of a leg with more joints than that.
 
     Jᵀ has the rows s x (p - o) and, of a contact that transmits moments, s. With more joints than components the force
-    is that of least squares, (J Jᵀ)⁻¹ J (h - τ). `rooms`: (4, n, n), scratch.
+    is that of least squares, (J Jᵀ)⁻¹ J (h - τ). With one joint less a joint without mass at the contact, that turns
+    `about` an axis, completes J; its own column of E, for a unit of the contact's moment about that axis, is written
+    into `unfelt`. `rooms`: (4, n, n), scratch.
     """
-    J = rooms[0, :n, :size]
+    rows = max(n, size)
+    J = rooms[0, :rows, :size]
     for k in range(n):
         j = joints[k]
         J[k, 0], J[k, 1], J[k, 2] = cross(of(s, j), plus(point, times(-1.0, of(o, j))))
         if size == 6:
             J[k, 3], J[k, 4], J[k, 5] = of(s, j)
-    to_force = rooms[1, :size, :n]
-    if n == size:
+    if n < size:
+        J[n, 0], J[n, 1], J[n, 2] = 0.0, 0.0, 0.0
+        J[n, 3], J[n, 4], J[n, 5] = about
+    to_force = rooms[1, :size, :rows]
+    if n <= size:
         volume = inverse(J, to_force)
     else:
         volume = least_squares(J, rooms[2, :size, :size], rooms[3, :size, :size], to_force)
-    for k in range(n):
+    for c in range(6):
+        unfelt[at, leg, c] = 0.0
+    for k in range(rows):
         force = to_force[0, k], to_force[1, k], to_force[2, k]
         moment = cross(point, force)
         if size == 6:
             moment = plus(moment, (to_force[3, k], to_force[4, k], to_force[5, k]))
-        j = joints[k]
-        E[at, j, 0], E[at, j, 1], E[at, j, 2] = force
-        E[at, j, 3], E[at, j, 4], E[at, j, 5] = moment
+        if k < n:
+            j = joints[k]
+            E[at, j, 0], E[at, j, 1], E[at, j, 2] = force
+            E[at, j, 3], E[at, j, 4], E[at, j, 5] = moment
+        else:
+            unfelt[at, leg, 0], unfelt[at, leg, 1], unfelt[at, leg, 2] = force
+            unfelt[at, leg, 3], unfelt[at, leg, 4], unfelt[at, leg, 5] = moment
     return volume
 
 
@@ -280,9 +303,9 @@ def effect_of(T: Array, j: int, own: Array, R: Array, o: Array, at: int, out: Ar
 
 @compiled(
     "void(int64[::1], float64[:,:,::1], float64[:,::1], float64[:,::1], boolean[::1], float64[:,::1], int64[::1], "
-    "int64[:,::1], int64[::1], float64[:,::1], boolean[::1], float64[:,:,::1], float64[:,:,::1], float64[:,:,::1], "
-    "float64[:,::1], float64[:,:,::1], float64[:,:,::1], float64[:,:,:,::1], float64[:,:,::1], float64[:,:,::1], "
-    "float64[:,::1], float64[:,:,::1], float64[:,:,::1])"
+    "int64[:,::1], int64[::1], float64[:,::1], float64[:,::1], boolean[::1], float64[:,:,::1], float64[:,:,::1], "
+    "float64[:,:,::1], float64[:,::1], float64[:,:,::1], float64[:,:,::1], float64[:,:,:,::1], float64[:,:,::1], "
+    "float64[:,:,::1], float64[:,:,::1], float64[:,::1], float64[:,:,::1], float64[:,:,::1])"
 )
 def evaluate(
     parents: Ints,
@@ -295,6 +318,7 @@ def evaluate(
     legs: Ints,
     sizes: Ints,
     points: Array,
+    about: Array,
     bears: Bools,
     joints: Array,
     trunk: Array,
@@ -303,6 +327,7 @@ def evaluate(
     inertial: Array,
     to_wrench: Array,
     columns: Array,
+    unfelt: Array,
     feet: Array,
     pace: Array,
     volume: Array,
@@ -315,7 +340,8 @@ def evaluate(
         parents: (n,), of each link; n for the trunk. rotations, arms, axes, slides, parameters: as of `Body`.
         leg_of: (n,), the leg of each joint; L for one outside the legs.
         legs: (L, most), joints of each leg, outwards, filled up with -1. sizes: (L,), components of their contacts.
-        points: (L, 3) [m], centres of the feet, in the last link's axes. bears: (L,), False for E = 0.
+        points: (L, 3) [m], centres of the feet, in the last link's axes, as `about`: (L, 3), see `map_leg`. bears:
+            (L,), False for E = 0.
         joints: (N, n, 3), q, q̇, q̈. trunk: (N, 3, 3), ω, α and a. offset: (N, L, 3) [m], of the contacts from the feet.
         columns: (N, n, 6, 10), or (0, n, 6, 10) if they are not needed.
     """
@@ -365,7 +391,10 @@ def evaluate(
             last = legs[leg, lengths[leg] - 1]
             foot = plus(of(o, last), rotated(R, last, of(points, leg)))
             contact = plus(foot, (offset[at, leg, 0], offset[at, leg, 1], offset[at, leg, 2]))
-            volume[at, leg] = map_leg(legs[leg], lengths[leg], sizes[leg], contact, o, s, rooms, at, to_wrench)
+            free = rotated(R, last, of(about, leg))
+            volume[at, leg] = map_leg(
+                legs[leg], lengths[leg], sizes[leg], contact, free, o, s, rooms, at, leg, to_wrench, unfelt
+            )
             speed = cross(of(omega, n), foot)
             for k in range(lengths[leg]):
                 j = legs[leg, k]

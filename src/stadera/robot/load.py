@@ -20,6 +20,7 @@ from stadera.robot.model import Frame, JointDynamics, JointLimits, Leg, Robot, S
 from stadera.robot.modelfile import ModelFile, joint_axis, moving_axis
 from stadera.robot.sense import check_sense, checked_limits
 from stadera.robot.shapes import FLAT, find_foot, find_sole, fitted_shapes
+from stadera.robot.sole import with_unfelt_moments
 from stadera.robot.xml import Document, read_xml
 from stadera.types import Array, Progress
 
@@ -42,7 +43,8 @@ def load_robot(source: Robot | str | PathLike[str], limits: Limits = DEFAULTS) -
         LimitError: the file exceeds the limits.
         MissingExtraError: the package that contains this named robot, or MuJoCo for an MJCF, is not installed.
         ModelError: the file cannot be read, or has no legs: chains of three or more revolute joints that reach down
-            from the trunk. Legs of six joints or more have flat feet, others point feet.
+            from the trunk. Legs of six joints or more, or of five without a ball at their end, have flat feet, others
+            point feet.
     """
     if isinstance(source, Robot):
         return source
@@ -116,7 +118,7 @@ def _understand(file: ModelFile) -> Robot:
         notes=(*notes, *foot_notes, *limit_notes),
         extra=_extra(file, of_legs),
     )
-    return replace(robot, notes=(*robot.notes, *check_sense(robot)))
+    return with_unfelt_moments(replace(robot, notes=(*robot.notes, *check_sense(robot))))
 
 
 def _with_only(model: Any, joints: Collection[int]) -> tuple[Any, list[int]]:
@@ -224,7 +226,8 @@ def _legs(
     for chain in chains:
         joints = tuple(file.model.names[joint] for joint in chain.joints)
         links = tuple(file.links[joint] for joint in joints)
-        flat = len(joints) >= FLAT
+        balls = any(shape.link == links[-1] and shape.kind == "sphere" for shape in shapes)
+        flat = len(joints) >= FLAT or (len(joints) == FLAT - 1 and not balls)
         try:
             foot = find_sole(links[-1], frames, shapes) if flat else find_foot(links[-1], frames, shapes)
         except ModelError as error:

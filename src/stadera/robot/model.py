@@ -102,6 +102,8 @@ class Leg:
         foot_position: (3,) [m], centre of the foot sphere in the last link's frame; it may lie off the foot frame.
         foot_radius: [m], 0 if unknown.
         contact: components of what the ground does to the foot: 3 for a point, 6 for a flat foot.
+        unfelt: (3,), axis in the last link's frame of the contact's moment that five joints do not tell; zero if they
+            tell all. unfelt_arm: [m], times the foot's force its bound.
     """
 
     name: str
@@ -111,6 +113,8 @@ class Leg:
     foot_position: tuple[float, float, float]
     foot_radius: float = 0.0
     contact: int = 3
+    unfelt: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    unfelt_arm: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)

@@ -31,8 +31,9 @@ class ErrorLayout:
     of its tree, some contacts, and some joints in other limbs.
 
     `link_com` goes by axis and link, `contact` by leg and trunk axis. `stiction` is the torque of static friction,
-    `regression` the part removed from noisy angular acceleration (`stadera.trunk.calibration`), `sampling` half the
-    difference between rows of every other sample.
+    `unfelt` a moment of a flat foot on five joints (`stadera.robot.sole`), `regression` the part removed from noisy
+    angular acceleration (`stadera.trunk.calibration`), `sampling` half the difference between rows of every other
+    sample.
     """
 
     joints: int
@@ -40,12 +41,14 @@ class ErrorLayout:
     contacts: int
     legs: tuple[int, ...]  # joints of each leg
     limbs: int = 0
+    unfelt: tuple[int, ...] = ()  # legs with a moment that their joints do not tell
 
     @classmethod
     def of(cls, robot: Robot) -> ErrorLayout:
         """Of a robot."""
         legs = tuple(len(leg.joints) for leg in robot.legs)
-        return cls(sum(legs), len(robot.tree.joints), len(legs), legs, len(Limbs.of(robot).joints))
+        few = tuple(k for k, leg in enumerate(robot.legs) if any(leg.unfelt))
+        return cls(sum(legs), len(robot.tree.joints), len(legs), legs, len(Limbs.of(robot).joints), few)
 
     @cached_property
     def places(self) -> Mapping[str, slice]:
@@ -58,7 +61,8 @@ class ErrorLayout:
         for name in ("rotor", "viscous", "coulomb", "offset", "mass"):
             sizes[f"limb_{name}"] = self.limbs
         sizes |= {"limb_com": 3 * self.limbs, "imu_lever": 3, "imu_rotation": 3, "accelerometer": 3}
-        sizes |= {"imu_response": 3, "velocity_lag": 1, "stiction": joints, "limb_stiction": self.limbs}
+        sizes |= {"imu_response": 3, "velocity_lag": 1, "stiction": joints, "unfelt": len(self.unfelt)}
+        sizes |= {"limb_stiction": self.limbs}
         sizes |= {"limb_gain": self.limbs, "common_gain": 1, "regression": 3, "sampling": 1}
         ends = np.cumsum(list(sizes.values())).tolist()
         return MappingProxyType(
@@ -84,10 +88,15 @@ class ErrorLayout:
 
     @property
     def changing(self) -> tuple[slice, ...]:
-        """Errors that may change with the load: noise that is removed from angular accelerations, and static
-        friction.
+        """Errors that may change with the load: noise that is removed from angular accelerations, static friction, and
+        moments of flat feet that no joint tells.
         """
-        return tuple(self.places[name] for name in ("regression", "stiction", "limb_stiction"))
+        return tuple(self.places[name] for name in ("regression", "stiction", "unfelt", "limb_stiction"))
+
+    @property
+    def swaying(self) -> slice:
+        """Errors that may vary while the robot sways: static friction, and moments of flat feet."""
+        return slice(self.places["stiction"].start, self.places["unfelt"].stop)
 
     @property
     def sticking(self) -> slice:
@@ -169,6 +178,9 @@ class ErrorModel:
         std[places["stiction"]] = sizes.held * np.hypot(self.dry, std[places["coulomb"]])
         for name in _AS_STATED:
             std[places[name]] = getattr(sizes, name)
+        # anywhere within the sole, with all of the weight on one foot
+        arms = np.array([robot.legs[k].unfelt_arm for k in layout.unfelt])
+        std[places["unfelt"]] = GRAVITY * robot.mass * arms / np.sqrt(3.0)
         std[places["regression"]] = std[places["sampling"]] = 1.0
         limb = limb_limits(robot)
         std[places["limb_rotor"]] = sizes.rotor * leg_mass * length**2 * limb / self.limit.mean()  # as large as strong

@@ -161,9 +161,10 @@ class Errors:
     @cached_property
     def _changing(self) -> list[tuple[slice, Array]]:
         """Errors that may change with the load, with their covariances."""
-        regression, sticking, of_limbs = self.layout.changing
-        own = self.covariance[regression, regression], self._sticking, self.covariance[of_limbs, of_limbs]
-        return list(zip((regression, sticking, of_limbs), own, strict=True))
+        return [
+            (at, self._sticking if at == self.layout.sticking else self.covariance[at, at])
+            for at in self.layout.changing
+        ]
 
     def trunk_covariance(self, segment: Segment) -> Array:
         """Covariance of a segment's trunk parameters, (10, 10)."""
@@ -198,7 +199,16 @@ class Errors:
         P = segment.inverse @ segment.inverse.T
         if segment.sums is None:
             return np.asarray(self.scatter * P)
-        return np.asarray(self.scatter * P + P @ segment.sums.follows_motion(self._sticking, self._length) @ P)
+        varying = segment.sums.follows_motion(self._swaying, self._length)
+        return np.asarray(self.scatter * P + P @ varying @ P)
+
+    @cached_property
+    def _swaying(self) -> Array:
+        """Covariance of the errors that may vary while the robot sways."""
+        out, place = np.diag(np.square(self.std[self.layout.swaying])), self.layout.sticking
+        count = place.stop - place.start
+        out[:count, :count] = self._sticking
+        return out
 
     def energies(self, products: Array) -> tuple[float, float]:
         """How the expected energy of the residual splits: that of the sampling error e, and of all others tr D Σ'. With

@@ -14,7 +14,7 @@ the feet held, G = ∂b/∂q̈, an error p of the model (`stadera.trunk.error_mo
     rotor, friction, offset    -E q̈, -E q̇, -E s, -E       s: smoothed sign of q̇, of velocities averaged over a block
     gain, lag of the torques   -E τ, +E τ̇                  true torque: (1 - g) τ + d τ̇
     stiction                   ∓E √(1 - s²)                what holds a joint at standstill, positive upwards
-    encoder, contact           +∂b/∂q, -∂b/∂p_contact      at the block's middle, by differences and in closed form
+    encoder, contact, unfelt   +∂b/∂q, -∂b/∂p_contact, -∂b/∂m     at the block's middle, by differences and closed form
     link mass and centre       -∂b/∂(m, c)                 of `State.columns` by φ, and of φ by m and c
     IMU place, axes, bias      -K ([α]x + [ω]x[ω]x), K [a]x + L [α]x, -K
     response of the IMU        -K diag(a - ā)               ā: average over a second, turned with the trunk
@@ -318,8 +318,8 @@ class RowMaker:
 
     def _slopes(self, window: Window, motion: Motion, tau: Array, sound: Bools) -> tuple[Array, Array]:
         """Derivatives (B, 6, 6 + J) of b by the trunk's specific force and angular acceleration and by the joints'
-        accelerations, at each block's last posture; and (B, 6, J + contacts), by each joint's position and each contact
-        point's position, in the middle of the block.
+        accelerations, at each block's last posture; and (B, 6, J + contacts + unfelt), by each joint's position, each
+        contact point's position and each moment that no joint tells, in the middle of the block.
 
         b is linear in accelerations where nothing moves. Joints of the same place in all legs are moved together, since
         a leg's b is its own.
@@ -349,7 +349,8 @@ class RowMaker:
         by_contact = body.by_contact(E, axis, np.add.reduceat(E[..., :3] * h[:, first, :, None], body.starts, axis=1))
         probes = np.concatenate([by_trunk, by_leg[:, 6 + order, legs]], axis=1).transpose(0, 2, 1)
         by_contact = by_contact.transpose(0, 2, 1, 3).reshape(B, 6, -1)
-        return probes, np.concatenate([by_position.transpose(0, 2, 1), by_contact], axis=2)
+        unfelt = state.unfelt.reshape(B, N, -1, 6)[:, first, list(self._layout.unfelt)].transpose(0, 2, 1)
+        return probes, np.concatenate([by_position.transpose(0, 2, 1), by_contact, unfelt], axis=2)
 
     @cached_property
     def _order(self) -> Ints:
@@ -415,7 +416,9 @@ class RowMaker:
         C[:, :, places["stiction"]] *= (lifts * still)[:, None]
         C[:, :, places["torque_lag"]] = sums["by_rate"][:, :, None]
         C[:, :, places["common_gain"]] = C[:, :, places["gain"]].sum(axis=2, keepdims=True)
-        C[:, :, places["encoder"]], C[:, :, places["contact"]] = middle[:, :, :J], -middle[:, :, J:]
+        by_contact = slice(J, J + 3 * layout.contacts)
+        C[:, :, places["encoder"]], C[:, :, places["contact"]] = middle[:, :, :J], -middle[:, :, by_contact]
+        C[:, :, places["unfelt"]] = -middle[:, :, by_contact.stop :]
         by_links = sums["by_links"][:, : layout.links] @ self._by_mass[: layout.links]  # (B, K, 6, 4)
         C[:, :, places["link_mass"]] = -by_links[..., 0].transpose(0, 2, 1)
         C[:, :, places["link_com"]] = -by_links[..., 1:].transpose(0, 2, 3, 1).reshape(B, 6, -1)

@@ -83,18 +83,18 @@ class RowMoments:
 
     Attributes:
         values: Σ of the weights; Σ a (3), the specific force in the unit of the rows; Σ a aᵀ (3, 3); and the summed
-            columns of static friction (6, joints).
+            columns of static friction and of moments that no joint tells (6, swaying).
     """
 
     values: Array
 
     @classmethod
-    def none(cls, joints: int) -> RowMoments:
-        """Of no blocks of a robot with so many joints in its legs."""
-        return cls(np.zeros(13 + 6 * joints))
+    def none(cls, swaying: slice) -> RowMoments:
+        """Of no blocks; `swaying` are the places of the errors that may vary while the robot sways."""
+        return cls(np.zeros(13 + 6 * (swaying.stop - swaying.start)))
 
     def add(self, rows: WeightedRows, stiction: Array, keep: float) -> RowMoments:
-        """With one more block and its columns of static friction (6, joints), the weight of everything before it
+        """With one more block and its columns of these (6, swaying), the weight of everything before it
         multiplied by `keep`.
         """
         a, own = rows.columns[:3, 0], np.empty_like(self.values)
@@ -111,7 +111,7 @@ class RowMoments:
             Σ Aᵀ e = N Σ_u A_uᵀ Γ^½_u. e0,      N²/3 Σ_uv Γ_uv A_uᵀ S A_v,      Γ = cov a
 
         Args:
-            covariance: Σ (joints, joints), of static friction [N²·m²].
+            covariance: Σ (swaying, swaying), of static friction and unfelt moments [N²·m²].
             length: lever of the moments in the unit of the rows [m].
         """
         weight = float(self.values[0])
@@ -165,7 +165,7 @@ class Segment:
         triangle, below = np.zeros((10, width + 10 * places)), np.zeros((10 * places, 10 * places + width - 10))
         triangle[:, :10], triangle[:, 10] = np.diag(1.0 / std), mean / std
         below[:, : 10 * places] = np.diag(np.tile(1.0 / std, places))
-        return cls(layout, triangle, RowMoments.none(layout.joints), below=below, held=held)
+        return cls(layout, triangle, RowMoments.none(layout.swaying), below=below, held=held)
 
     def add(self, rows: WeightedRows, keep: float = 1.0, remainder: bool = True) -> Segment:
         """Returns the segment with one more block, the weight of everything before it multiplied by `keep`.
@@ -173,7 +173,7 @@ class Segment:
         Args:
             remainder: keep what `remainder` needs.
         """
-        place, below, root = self.layout.sticking, self.below, sqrt(rows.weight)
+        place, below, root = self.layout.swaying, self.below, sqrt(rows.weight)
         stiction = rows.columns[:, 11 + place.start : 11 + place.stop]
         triangle, residue = folded(self.triangle, root * rows.columns, sqrt(keep), 10)
         if loads := len(below):

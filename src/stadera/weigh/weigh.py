@@ -98,6 +98,11 @@ def weigh(
     name = method or _choose_method(source, others, chosen)
     on_scale = weight_of(f"{weight}") if isinstance(weight, int | float) else weight
     _check_method(name, source, others, watch is not None, on_scale is not None, known or memory, at)
+    if (untold := [leg.name for leg in model.legs if any(leg.unfelt)]) and method_of(name).at_rest:
+        raise IdentificationError(
+            f"{source.source.source}: {name!r} weighs on feet whose contact their joints tell, and five joints leave a "
+            f"moment of {', '.join(untold)} open; {IN_MOTION!r} knows its bound, also at rest, in a log with an IMU"
+        )
     request = Request(model, name, chosen, unloaded, stiffness, progress, watch, on_scale, known, memory, at)
     result = weighed(request, source)
     if result.trust.verdict == "bad" and not force:

@@ -11,7 +11,6 @@ import pytest
 from stadera.constants import GRAVITY
 from stadera.errors import MissingExtraError, StaderaError
 from stadera.inertia import InertialParameters
-from stadera.lab.plant.sole import sole
 from stadera.lab.plant.state import TrueState
 from stadera.lab.plant.whole import as_loaded, whole_robot
 from stadera.lab.scenarios.run import Run, simulate
@@ -19,6 +18,7 @@ from stadera.lab.scenarios.settings import Load, SimulateSettings
 from stadera.lab.sensors import truth_of
 from stadera.logs import Recording
 from stadera.robot import Robot, load_robot
+from stadera.robot.sole import sole
 from stadera.types import Array
 
 HANDS = {"g1": "left_wrist_yaw_link", "talos": "arm_left_7_link", "b1_z1": "link06"}

@@ -28,8 +28,8 @@ from stadera.lab.control.distribution import ContactLimits, ForceDistribution
 from stadera.lab.control.reference import Move, TrunkPose, TrunkReference
 from stadera.lab.control.trunk import ControlError, TrunkGains
 from stadera.lab.pinocchio import pinocchio_model
-from stadera.lab.plant.sole import sole
 from stadera.robot.model import Robot
+from stadera.robot.sole import sole
 from stadera.trunk.measurement import Measurement
 from stadera.trunk.model import TrunkModel
 from stadera.types import Array, Bools

@@ -20,11 +20,11 @@ from stadera.lab.plant.model import (
     set_body_inertia,
 )
 from stadera.lab.plant.payload import DroppedBox, Tray
-from stadera.lab.plant.sole import foot_radius, sole
 from stadera.lab.plant.terrain import Terrain
 from stadera.robot.imu import ImuMount
 from stadera.robot.model import Leg, Robot
 from stadera.robot.shapes import FLAT
+from stadera.robot.sole import foot_radius, sole
 
 GROUND, TRAY, IMU, FRAME = "ground", "tray", "imu_site", "frame"
 """Names in the compiled model; geoms of the ground begin with the first, those that should not touch it with the

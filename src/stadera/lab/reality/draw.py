@@ -13,12 +13,12 @@ import numpy as np
 from stadera.inertia import InertialParameters
 from stadera.lab.plant.friction import VaryingFriction
 from stadera.lab.plant.model import build_model, mass_matrix
-from stadera.lab.plant.sole import LEAST_RADIUS, foot_radius
 from stadera.lab.plant.terrain import Stones, Terrain
 from stadera.lab.sensor_errors import STANDARD
 from stadera.lab.sensors import effort_limits
 from stadera.robot.model import JointDynamics, Leg, Robot
 from stadera.robot.shapes import FLAT
+from stadera.robot.sole import LEAST_RADIUS, foot_radius
 from stadera.robot.stance import standing_configuration
 from stadera.types import Array
 
