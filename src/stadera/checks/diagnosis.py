@@ -133,13 +133,16 @@ def explained_by_motion(footing: Footing) -> list[tuple[Hypothesis, Gain, Footin
     limits, blocks = footing.limits, footing.blocks
     if blocks.angular_velocity is None or not np.isfinite(blocks.rate).any():
         return []
-    most = float((np.nan_to_num(footing.sliding) + footing.unbalance).sum())
+    most = float(np.nansum(footing.sliding) + np.nansum(footing.unbalance))
+    used = np.count_nonzero(np.isfinite(footing.unbalance))
     least = limits.gain if footing.lively > limits.lively_share else limits.gain_at_rest
+    if most < least * used:  # nothing is left to gain
+        return []
     fitting, recent = [], (footing, footing)
     for one in hypotheses_in_motion(footing.robot, limits.orders):
         needed, without = least * limits.rare if one.rare else least, footing.after(one.undo, *recent)
         recent = without, recent[0]
-        if most - float(without.unbalance.sum()) < needed * len(blocks):  # as feet that do not slide at all
+        if most - float(np.nansum(without.unbalance)) < needed * used:  # as feet that do not slide at all
             continue
         gain = Gain.of(footing, without)
         if gain.confirms(needed, limits) and not any(Consistency.of(without).faults()):

@@ -135,9 +135,9 @@ class Blocks:
 
     def singles(self, n: int, known: Segment, errors: Errors, scale: Array) -> tuple[Array, Array]:
         """Of the last n blocks (n, 4): each one's own difference in units of `scale`, and its weight."""
-        rows = self.rows[self.end - n : self.end]
-        weight = np.maximum(rows[..., -1], 1e-12)
-        residual = rows[..., :-1] @ known.combination(errors.mean)
+        rows = self.rows[self.end - n : self.end].reshape(4 * n, -1)
+        weight = np.maximum(rows[:, -1], 1e-12).reshape(n, 4)
+        residual = (rows[:, :-1] @ known.combination(errors.mean)).reshape(n, 4)
         return residual / (weight * scale), weight
 
     def by_errors(self, begin: Ints, end: Ints, known: Segment, errors: Errors, scale: Array) -> Array:
@@ -192,7 +192,7 @@ class ChangeDetector:
         """
         self._blocks.push(rows)
         found, best = self._deviations(before, errors), None
-        if found is not None:
+        if found is not None and self._conspicuous(found.size):
             best = self._largest(found, np.zeros_like(found.size))
             if best.ratio > self.settings.deviations:  # model errors only add to the variance
                 n = self._windows[: len(found.size)]
@@ -257,6 +257,10 @@ class ChangeDetector:
         means, total = np.empty((2, len(windows), len(self._scale)))
         huber_means(singles, weights, windows, self.settings.outlier * usual.scatter, usual.heaviest, means, total)
         return means, total
+
+    def _conspicuous(self, size: Array) -> bool:
+        """Whether any deviation (windows, 4) exceeds its limit if nothing adds to the spread of averages."""
+        return bool((size**2 > self.settings.deviations**2 * self._spreads.square[: len(size)]).any())
 
     def _deviations(self, before: Segment, errors: Errors) -> Deviations | None:
         """Deviations of the latest blocks for each full window; None if the earlier estimate is of too few blocks."""

@@ -63,12 +63,12 @@ class Reading:
 
     def complaint(self, bounds: TrunkBounds) -> str | None:
         """Why the trunk, with `start` for unobserved parameters, is implausible; None if plausible."""
-        mass = float(self.vector[0])
+        mass, *moment = self.vector[:4].tolist()
         if not mass > 0.0:
             return f"a mass of {mass:.3g} kg"
         if bounds.mass[0] <= mass <= bounds.mass[1]:
-            centre = self.vector[1:4] / mass
-            if (bounds.low <= centre).all() and (centre <= bounds.high).all():
+            within = zip(bounds.low.tolist(), moment, bounds.high.tolist(), strict=True)
+            if all(low * mass <= value <= high * mass for low, value, high in within):
                 return None  # the start is inside too, so any mixture of the two is
         try:
             return bounds.complaint(TrunkModel.of(self.parameters.inertial))

@@ -109,7 +109,7 @@ class Equations:
 @dataclass(frozen=True, eq=False)
 class SwingRows:
     """A window's rows in joint space, for legs in the air: see `stadera.trunk.swing.SwingJoints.add`; `white` is the
-    variance.
+    variance, `sliding` the share of the joints that slide throughout the window [1].
     """
 
     air: Bools
@@ -117,11 +117,7 @@ class SwingRows:
     rate: Array
     residual: Array
     white: Array
-
-    @property
-    def sliding(self) -> float:
-        """Share of the joints that slide throughout the window [1]."""
-        return float((np.abs(self.terms[_TERMS.index("coulomb")]) > _SLIDES).mean())
+    sliding: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -436,13 +432,14 @@ class RowMaker:
         by_velocity = ((G * G) @ noise.velocity[:, :, None])[:, :, 0]
         by_velocity += noise.gyro[:, None] * (L_noise * L_noise).sum(axis=2)
         white += _TELESCOPED * differentiated[:, None] * by_velocity
+        air, sliding = first["air"] & second["air"], (np.abs(joint[:, 2]) > _SLIDES).mean(axis=1).tolist()
         return [
             BlockRows(
                 float(second["end"][b]),
                 float(elapsed[b]),
                 columns[b],
                 white[b],
-                SwingRows(first["air"][b] & second["air"][b], joint[b, :4], joint[b, 4], joint[b, 5], noise.torque[b]),
+                SwingRows(air[b], joint[b, :4], joint[b, 4], joint[b, 5], noise.torque[b], sliding[b]),
                 None if limbs is None else limbs[b],
             )
             if follows[b]

@@ -349,7 +349,7 @@ def unit_of_rows(robot_weight: float, length: float) -> Array:
 
 def weighted(rows: BlockRows, unit: Array, of_limbs: Array | None = None) -> WeightedRows:
     """Scales rows to their `unit_of_rows`, and those of the limbs to theirs."""
-    white = float((rows.white / unit**2).sum())
+    white = float(rows.white @ unit**-2.0)
     limbs = None if rows.limbs is None or of_limbs is None else rows.limbs / of_limbs[:, None]
     return WeightedRows(rows.time, rows.columns / unit[:, None], white, sliding=rows.swing.sliding, limbs=limbs)
 
