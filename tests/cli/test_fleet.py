@@ -28,13 +28,17 @@ def walk(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_a_table_of_all_logs_with_those_that_failed(run: Callable[..., Any], walk: Path, tmp_path: Path) -> None:
     (tmp_path / "empty.parquet").touch()
     logs = [walk, tmp_path / "empty.parquet"]
-    done = run("fleet", *logs, "--robot", "hyq", "--tare", "0:0.8", "--out", tmp_path / "r.parquet", "--workers", "0")
+    files = ["--out", tmp_path / "r.parquet", "--report", tmp_path / "r.html", "--pages", tmp_path / "logs"]
+    done = run("fleet", *logs, "--robot", "hyq", "--tare", "0:0.8", *files, "--workers", "0")
     assert done.code == 0, done.err
     assert "failed: " in done.out
     assert "empty.parquet: the file is empty" in done.out
     good, bad = read_fleet(tmp_path / "r.parquet").rows
     assert good["payload_mass_std"] > 0
     assert bad["status"] == "failed"
+    (page,) = (tmp_path / "logs").iterdir()
+    assert f'href="logs/{page.name}"' in (tmp_path / "r.html").read_text()
+    assert "Payload" in page.read_text()
 
 
 def test_merged_legs_are_written_again_in_place_of_the_ones_before(

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from stadera.fleet.row import page_path
 from stadera.fleet.series import by_robot, series_of
 from stadera.fleet.table import COLUMNS, FleetTable
 from stadera.report.table import Shown
@@ -55,7 +56,9 @@ def page() -> str:
 def test_what_stands_out_is_the_headline(page: str) -> None:
     answer = re.search(r'<p class="answer">([^<]*)', page)
     assert answer
-    assert re.fullmatch(r"unit1: trunk mass \+0\.4\d+ ± 0\.0\d+ kg since 2025-07-\d\d \d\d:\d\d", answer[1])
+    assert re.fullmatch(
+        r"1 of 90 logs failed; unit1: trunk mass \+0\.4\d+ ± 0\.0\d+ kg since 2025-07-\d\d \d\d:\d\d", answer[1]
+    )
     assert "stadera weigh /fleet/unit1/20&lt;b&gt;.mcap --robot R --report page.html" in page
     assert page.count('class="out"') == 1
 
@@ -64,8 +67,9 @@ def test_every_log_every_robot_and_why_logs_failed(page: str) -> None:
     body = page[page.index("All logs") :]
     assert body.count('<tr class=""><th scope="row">') == 90
     assert page.count('<div class="plot"') == 3 * (4 + 48)
-    assert "<strong>1 ×</strong> cut off" in page
-    assert "unit0: " not in page.split("Why logs failed")[0]
+    failed = page[page.index("Logs that failed") : page.index("What stands out")]
+    assert re.search(r"4&lt;b&gt;\.mcap.*unit0.*cut off", failed, re.DOTALL)
+    assert "unit0: " not in page.split("Logs that failed")[0]
     assert page.count('"symbol":"circle-open"') > 10, "doubtful logs look different"
 
 
@@ -89,6 +93,23 @@ def test_a_thousand_logs_weigh_less_than_3_mb() -> None:
     assert len(fleet(4, 250, joints=True).to_html().encode()) < 3e6
 
 
+def test_points_and_rows_open_the_pages_that_exist() -> None:
+    table = fleet(2, 6)
+    pages = {row["log"]: f"pages/{k}.html" for k, row in enumerate(table.rows) if k < 6 and row["status"] == "ok"}
+    page = table.to_html(pages)
+    assert page.count('<a href="pages/') == 5
+    assert page.count('"customdata":') == 2 * 4, "good and doubtful logs of the first robot: mass and centre"
+    assert 'href="pages/' not in table.to_html()
+    assert page_path("pages", "/a/b/walk.mcap") != page_path("pages", "/a/c/walk.mcap")
+    assert page_path("pages", "s3://bucket/day 1/walk.mcap").name.startswith("walk-")
+
+
+def test_failures_are_counted_where_nothing_stands_out() -> None:
+    page = fleet(1, 6).to_html()
+    assert '<p class="answer">1 of 6 logs failed; the others agree with each other' in page
+    assert "Nothing stands out" not in page
+
+
 def test_where_nothing_stands_out_it_says_so() -> None:
     page = fleet(1, 4, since=0.0).to_html()
     assert '<p class="answer">Nothing stands out' in page
@@ -98,7 +119,7 @@ def test_where_nothing_stands_out_it_says_so() -> None:
 
 def test_where_nothing_was_found() -> None:
     row = dict.fromkeys(COLUMNS) | {"log": "a", "status": "failed", "error": "a: empty"}
-    assert "No log gave a figure" in FleetTable((row,)).to_html()
+    assert "1 of 1 log failed; no log gave a figure" in FleetTable((row,)).to_html()
 
 
 def test_json_has_rows_and_what_stands_out() -> None:

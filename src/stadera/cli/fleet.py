@@ -49,6 +49,9 @@ def fleet(
     scheduler: opt.Scheduler = None,
     json: opt.JsonFile = None,
     report: opt.ReportFile = None,
+    pages: Annotated[
+        Path | None, option("FOLDER", "Write a page of each log; points and rows of the --report open them.")
+    ] = None,
     memory: Annotated[float, option("GB", "Memory of a local worker, above which it is restarted.")] = 2.0,
     *,
     options: opt.LogOptions,
@@ -68,15 +71,22 @@ def fleet(
     from stadera.fleet.pool import Pool
     from stadera.report.fleet.tables import fleet_tables
 
-    shared = FleetOptions(identify, method, springs, imu_frame, options.topics, options.reading, force, options.fix)
+    folder = None if pages is None else str(pages.absolute())
+    shared = FleetOptions(
+        identify, method, springs, imu_frame, options.topics, options.reading, force, options.fix, folder
+    )
     if manifest is not None:
         jobs = read_manifest(manifest, robot, shared)
     else:
         jobs = jobs_of(logs or (), robot, tare, None if legs is None else str(legs), names, shared)
     check_outputs((out, json, report, merge))
     check_report(report)
+    if pages is not None:
+        _make_folder(pages)
     table = _run(jobs, out, Pool(workers, scheduler, round(1e9 * memory)))
-    write_outputs((json, json_of(table.to_dict)), (report, text_of(table.to_html)))
+    write_outputs(
+        (json, json_of(table.to_dict)), (report, text_of(lambda: table.to_html(_links(table, pages, report))))
+    )
     if merge is not None:
         _merge(table, jobs, merge)
     show(*fleet_tables(table))
@@ -102,6 +112,29 @@ def _run(jobs: list[LogJob], out: Path, pool: Pool) -> FleetTable:
             return run_fleet(jobs, out, pool, watch)
     except KeyboardInterrupt:
         raise StaderaError(f"broken off; what is done is in {out}, and the same command goes on from there") from None
+
+
+def _make_folder(path: Path) -> None:
+    """Makes a folder unless it is there. Raises StaderaError: it cannot be made."""
+    from stadera.errors import StaderaError
+
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise StaderaError(f"{path}: no folder can be made there: {error.strerror}") from None
+
+
+def _links(table: FleetTable, pages: Path | None, report: Path | None) -> dict[str, str]:
+    """Addresses, as seen from the report, of the logs' pages that exist."""
+    from os.path import relpath
+    from urllib.parse import quote
+
+    from stadera.fleet.row import page_path
+
+    if pages is None or report is None:
+        return {}
+    found = {row["log"]: page_path(pages, row["log"]) for row in table.rows}
+    return {log: quote(relpath(page, report.parent)) for log, page in found.items() if page.is_file()}
 
 
 def _merge(table: FleetTable, jobs: list[LogJob], path: Path) -> None:

@@ -38,6 +38,7 @@ class FleetOptions:
     reading: Reading = AS_RECORDED
     force: bool = False
     fix: bool = False
+    pages: str | None = None  # folder for a page of each log, see `stadera.fleet.row.page_path`; None for no pages
 
     def __post_init__(self) -> None:
         check_choice(self.method, self.stiffness)

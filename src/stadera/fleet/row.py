@@ -22,6 +22,7 @@ from stadera.weigh.settings import tare_of
 
 if TYPE_CHECKING:
     from stadera.identify.result import Identification
+    from stadera.results import Result
     from stadera.trust import Trust
 
 Row = dict[str, Any]
@@ -71,6 +72,12 @@ def process(task: Task) -> Done:
     named = {"log": job.log, "robot": row["robot"]}
     own = {name: tuple(named | side for side in rows) for name, rows in sides.items()}
     return Done(None if source is None else source.key, row, own)
+
+
+def page_path(folder: str | Path, log: str) -> Path:
+    """The page of a log in a folder: the log's name, and enough of a hash that no other has it."""
+    name = log.rstrip("/").rpartition("/")[2].rpartition(".")[0] or "log"
+    return Path(folder) / f"{name}-{hashlib.sha256(log.encode()).hexdigest()[:8]}.html"
 
 
 def is_done(task: Task) -> bool:
@@ -154,6 +161,7 @@ def _weighed(job: LogJob, source: _Source) -> Row:
         force=options.force,
         fix=options.fix,
     )
+    _write_page(job, result)
     row: Row = {"begin": result.begin, "end": result.end, "changes": len(result.changes)}
     row |= _pair("trunk_mass", result.mass, result.mass_std)
     for axis, value, std in zip("xyz", result.com, result.com_std, strict=True):
@@ -175,8 +183,15 @@ def _identified(job: LogJob, source: _Source) -> tuple[Row, Mapping[str, Iterabl
     result = identify(robot, log, IdentifySettings(legs=legs or None), fix=options.fix, force=options.force)
     if result.trust.verdict == "bad" and not options.force:
         raise UntrustedError(f"{log.source}: not to be trusted: {'; '.join(result.trust.reasons)}")
+    _write_page(job, result)
     begin, end = time_span(log, result.legs[0].leg.joints)
     return {"begin": begin, "end": end} | _trust(result.trust), {"joints": _joints(result), "legs": _legs(result)}
+
+
+def _write_page(job: LogJob, result: Result) -> None:
+    """The log's page, if pages are asked for."""
+    if job.options.pages is not None:
+        page_path(job.options.pages, job.log).write_text(result.to_html(), encoding="utf-8")
 
 
 def _log(job: LogJob, path: Path) -> LogFile:

@@ -6,7 +6,7 @@ which a later run recognises finished logs.
 """
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
@@ -81,11 +81,11 @@ class FleetTable(Result):
         found = departures(list(series_of(self)))
         return {"logs": list(self.rows), "joints": list(self.joints), "stands_out": [d.to_dict() for d in found]}
 
-    def to_html(self) -> str:
-        """The report as one self-contained HTML page."""
+    def to_html(self, pages: Mapping[str, str] | None = None) -> str:
+        """The report as one self-contained HTML page, with links to the `pages` of logs, addresses by log."""
         from stadera.report.fleet.page import fleet_html
 
-        return fleet_html(self)
+        return fleet_html(self, pages or {})
 
     def to_dataframe(self) -> Any:
         """The rows as a pandas DataFrame. Raises MissingExtraError: pandas is not installed."""

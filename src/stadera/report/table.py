@@ -58,6 +58,7 @@ class Cell:
     good: bool | None = None  # True for good and False for bad news; None for neither
     muted: bool = False  # whether it is de-emphasised, such as a value that was not measured
     note: str = ""  # displayed after it, less prominently
+    link: str = ""  # on pages, what a click on it opens; empty for nothing
 
     @property
     def mark(self) -> Mark | None:

@@ -37,6 +37,7 @@ class Series:
     size: float | Array = 7.0  # one size [px], or one for each point
     labels: tuple[str, ...] = ()  # a text at each point; empty for none
     hover: tuple[str, ...] = ()  # on pages, a text for the pointer at each point; empty for its value
+    links: tuple[str, ...] = ()  # on pages, what a click on each point opens, empty for nothing
     x_range: tuple[Array, Array] | None = None  # ((k,), (k,)), lower and upper end of error bars
     y_range: tuple[Array, Array] | None = None  # likewise
     hidden: bool = False  # True to draw it only on request

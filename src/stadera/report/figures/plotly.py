@@ -133,6 +133,8 @@ def _curve(series: Series, panel: Panel, shared: dict[str, int]) -> dict[str, An
         trace |= {"text": list(series.labels), "textposition": [f"{'top' if up else 'bottom'} center" for up in high]}
     if series.hover:
         trace |= {"hovertext": list(map(escape, series.hover)), "hovertemplate": "%{hovertext}<extra></extra>"}
+    if any(series.links):
+        trace["customdata"] = list(series.links)
     if series.fill:
         trace |= {
             "fill": "toself" if series.fill == "self" else "tozeroy",

@@ -24,15 +24,18 @@ from stadera.report.table import SHOWN, Cell, Row, TableData
 from stadera.types import Array
 
 
-def figure(series: FleetSeries, found: Sequence[Departure]) -> Figure:
-    """Values over the logs with bars of two standard deviations, levels, and what departs in red."""
+def figure(series: FleetSeries, found: Sequence[Departure], pages: Mapping[str, str]) -> Figure:
+    """Values over the logs with bars of two standard deviations, levels, and what departs in red; a point opens its
+    log's page.
+    """
     value, std, rows = series.value, series.std, series.rows
     out = np.zeros(len(value), dtype=bool)
     for departure in found:
         out[departure.first : departure.last + 1] = departure.kind != "since"
     doubtful = np.array([row["trust"] == "doubtful" for row in rows])
-    named, marks = series.joint is None and len(rows) <= SHOWN.named, []
+    named = series.joint is None and len(rows) <= SHOWN.named
     x, axis = _times(rows)
+    marks = [Series(x, value, "", "steel", 0.8)] if series.joint is None else []
     for colour, marker, chosen in (
         ("blue", "dot", ~out & ~doubtful),
         ("blue", "ring", ~out & doubtful),
@@ -40,8 +43,10 @@ def figure(series: FleetSeries, found: Sequence[Departure]) -> Figure:
     ):
         if chosen.any():
             at, half = value[chosen], 2.0 * std[chosen]
-            hover = tuple(_hover(series, k) for k in np.flatnonzero(chosen).tolist()) if named else ()
-            look: dict[str, Any] = {"marker": marker, "size": 6.0, "y_range": (at - half, at + half), "hover": hover}
+            which = np.flatnonzero(chosen).tolist() if named else []
+            look: dict[str, Any] = {"marker": marker, "size": 7.0, "y_range": (at - half, at + half)}
+            look["hover"] = tuple(_hover(series, k) for k in which)
+            look["links"] = tuple(pages.get(str(rows[k]["log"]), "") for k in which)
             marks.append(Series(x[chosen], at, "", colour, 0.0, **look))
     edges = sorted({0, len(value), *(d.first for d in found), *(d.last + 1 for d in found)})
     for begin, end in pairwise(edges):
@@ -51,7 +56,7 @@ def figure(series: FleetSeries, found: Sequence[Departure]) -> Figure:
     low, high = float((value - reach).min()), float((value + reach).max())
     y = Axis(f"{series.title} [{series.unit}]", limits=(low, high) if high > low else None)
     title = f"{y.title} of {series.robot} over {counted(len(value), 'log')}"
-    return Figure(title, ((Panel(axis, y, tuple(marks)),),), row_height=190.0)
+    return Figure(title, ((Panel(axis, y, tuple(marks)),),), row_height=260.0, width=540.0)
 
 
 def _times(rows: Sequence[LogRow]) -> tuple[Array, Axis]:
@@ -88,15 +93,20 @@ class RobotPanels:
     joints: tuple[FleetPanel, ...]
 
 
-def fleet_html(table: FleetTable, chance: float = 0.01) -> str:
-    """The complete, self-contained page; `chance`: probability of reporting any departure from an unchanged fleet."""
+def fleet_html(table: FleetTable, pages: Mapping[str, str], chance: float = 0.01) -> str:
+    """The complete, self-contained page.
+
+    Args:
+        pages: addresses of logs' pages, by log; those of other logs do not exist.
+        chance: probability of reporting any departure from an unchanged fleet.
+    """
     fleet = list(series_of(table))
     found = departures(fleet, chance)
     failed = [row for row in table.rows if row["status"] == "failed"]
-    robots, drawn = by_robot(table.rows), _drawn(fleet, found)
+    robots, drawn = by_robot(table.rows), _drawn(fleet, found, pages)
     return render(
         "fleet.html.j2",
-        title=f"Fleet of {counted(len(robots), 'robot')}, {counted(len(table.rows), 'log')}",
+        title=f"Fleet of {counted(len(robots.keys() - {'unknown'}), 'robot')}, {counted(len(table.rows), 'log')}",
         level="warning" if found or failed else "note",
         headline=_headline(found, fleet, len(failed), len(table.rows)),
         word="to be looked at" if found or failed else "good",
@@ -104,25 +114,28 @@ def fleet_html(table: FleetTable, chance: float = 0.01) -> str:
         f"probability of at most {number(100.0 * chance, 1)} %",
         next=_advice(found, failed),
         robots=robots_table(table),
+        failed=_failed_table(failed) if failed else None,
+        more=len(failed) - SHOWN.rows,
         found=found_table(found) if found else None,
         panels=[_panels(name, rows, fleet, drawn) for name, rows in robots.items()],
-        logs=_logs_table(table),
-        errors=Counter(str(row["error"]).removeprefix(f"{row['log']}: ") for row in failed).most_common(),
+        logs=_logs_table(table, pages),
+        opens=bool(pages),
     )
 
 
 def _headline(found: Sequence[Departure], fleet: Sequence[FleetSeries], failed: int, logs: int) -> str:
+    said = [f"{failed} of {counted(logs, 'log')} failed"] if failed else []
     if not fleet:
-        return "No log gave a figure"
-    if not found and failed:
-        return f"{failed} of {counted(logs, 'log')} failed; in the others nothing stands out"
-    if not found:
-        return "Nothing stands out"
-    first = found[0]
-    others = len({d.series.robot for d in found}) - 1
-    verb = "stands" if others == 1 else "stand"
-    more = f", and {counted(others, 'more robot')} {verb} out" if others else ""
-    return f"{first.series.robot}: {first.series.title} {change_text(first)} {time_text(first)}{more}"
+        said.append("no log gave a figure")
+    elif found:
+        first, others = found[0], len({d.series.robot for d in found}) - 1
+        verb = "stands" if others == 1 else "stand"
+        more = f", and {counted(others, 'more robot')} {verb} out" if others else ""
+        said.append(f"{first.series.robot}: {first.series.title} {change_text(first)} {time_text(first)}{more}")
+    else:
+        said.append("the others agree with each other" if failed else "nothing stands out")
+    text = "; ".join(said)
+    return text if found and not failed else f"{text[:1].upper()}{text[1:]}"
 
 
 def _advice(found: Sequence[Departure], failed: Sequence[LogRow]) -> list[str]:
@@ -135,13 +148,15 @@ def _advice(found: Sequence[Departure], failed: Sequence[LogRow]) -> list[str]:
     return steps
 
 
-def _drawn(fleet: Sequence[FleetSeries], found: Sequence[Departure]) -> dict[FleetSeries, FleetPanel]:
+def _drawn(
+    fleet: Sequence[FleetSeries], found: Sequence[Departure], pages: Mapping[str, str]
+) -> dict[FleetSeries, FleetPanel]:
     """Figures of all series if there is space; departures come first, then trunks, then joints."""
     outs = {series: [d for d in found if d.series is series] for series in fleet}
     panels: dict[FleetSeries, FleetPanel] = {}
     spent = 0
     for series in sorted(fleet, key=lambda series: (not outs[series], series.joint is not None)):
-        shown = figure(series, outs[series])
+        shown = figure(series, outs[series], pages)
         data = plotly.data(shown)
         spent += len(data) + 600  # and what is around it
         if spent > SHOWN.figures:
@@ -164,20 +179,30 @@ def _panels(
     return RobotPanels(name, f"{counted(len(rows), 'log')}: {about}{left}", trunk, joints)
 
 
-def _logs_table(table: FleetTable) -> TableData:
+def _failed_table(failed: Sequence[LogRow]) -> TableData:
+    """Logs that failed and why, those with the commonest reason first."""
+    why = [str(row["error"]).removeprefix(f"{row['log']}: ") for row in failed]
+    count = Counter(why)
+    rows = sorted(zip(failed, why, strict=True), key=lambda pair: (-count[pair[1]], pair[1]))[: SHOWN.rows]
+    named = ((str(row["log"]).rpartition("/")[2], row["robot"] or "unknown", reason) for row, reason in rows)
+    return TableData.of("Logs that failed", ("log", "robot", "because"), named, sides="llw")
+
+
+def _logs_table(table: FleetTable, pages: Mapping[str, str]) -> TableData:
     """All logs, the failed ones first; columns without values are omitted."""
     shown = [name for name in TRUNK if any(row[name] is not None for row in table.rows)]
     titles = [f"{TRUNK[name][0]} [{TRUNK[name][1]}]" for name in shown]
     dated = any(map(when, table.rows))
     head = ("log", "robot", *(["begins"] if dated else []), "lasts [s]", "trust", *titles, "changes", "misfit")
-    rows = [_log_row(row, shown, dated) for row in sorted(table.rows, key=lambda row: row["status"] != "failed")]
+    first = sorted(table.rows, key=lambda row: row["status"] != "failed")
+    rows = [_log_row(row, shown, dated, pages.get(str(row["log"]), "")) for row in first]
     return TableData.of("All logs", head, rows, sides="ll" + "l" * dated + "rl" + "r" * (len(shown) + 2))
 
 
-def _log_row(row: LogRow, shown: Sequence[str], dated: bool) -> Row:
+def _log_row(row: LogRow, shown: Sequence[str], dated: bool, page: str) -> Row:
     verdict = row["trust"] if row["status"] == "ok" else "failed"
     return (
-        str(row["log"]).rpartition("/")[2],
+        Cell(str(row["log"]).rpartition("/")[2], link=page),
         row["robot"] or "unknown",
         *([when(row)] if dated else []),
         "" if row["begin"] is None else number(row["end"] - row["begin"], 4),

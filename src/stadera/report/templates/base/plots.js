@@ -15,8 +15,17 @@
     const layout = narrow.matches && figure.phone || figure.desk;
     for (const trace of figure.data)
       if (Number.isInteger(trace.x)) trace.x = {dtype: "f4", bdata: figure.shared[trace.x]};
-    place.querySelector("div").style.minHeight = `${layout.height}px`;
-    Plotly.react(place.querySelector("div"), figure.data, {...layout, template, ...more}, {displayModeBar: false, responsive: true});
+    const drawn = place.querySelector("div");
+    drawn.style.minHeight = `${layout.height}px`;
+    Plotly.react(drawn, figure.data, {...layout, template, ...more}, {displayModeBar: false, responsive: true});
+    if (figure.data.some((trace) => trace.customdata)) {
+      drawn.removeAllListeners("plotly_click");
+      drawn.on("plotly_click", opens);
+    }
+  };
+  const opens = (event) => {
+    const page = event.points[0].customdata;
+    if (page) location.assign(page);
   };
   const all = (inside, more) => {
     for (const place of inside.querySelectorAll(".plot"))
