@@ -1,9 +1,9 @@
-"""Writes tables of the pages in PAGES from the runs' JSON: python docs/experiment_tables.py
+"""Writes tables of the pages in PAGES from the runs' JSON: python docs/experiment_tables.py [REALITY_JSON]
 
 A run's JSON is docs/results/NAME.json, as `stadera reproduce NAME --json docs/results/NAME.json` writes it, or of peers
 `python benchmarks/peers.py --json docs/results/peers.json`, or of the demo a list of what `stadera demo --seed N --json
-F` writes, less `runs`. Each table stands between `<!-- begin NAME -->` and `<!-- end NAME -->`; what is around stays
-as it is.
+F` writes, less `runs`. REALITY_JSON is that of `stadera reproduce reality`; what the page shows is kept. Each table
+stands between `<!-- begin NAME -->` and `<!-- end NAME -->`; what is around stays as it is.
 """
 
 from __future__ import annotations
@@ -186,6 +186,38 @@ def sizes(record: Record) -> str:
     return table(cells, "one scale → by kind")
 
 
+SHOWN = {
+    "payload": "payload mass",
+    "place": "payload x-y",
+    "trunk": "trunk mass",
+    "centre": "trunk CoM x-y",
+    "height": "trunk CoM z",
+}
+"""Of the study of reality, by the names of its short table."""
+
+
+def keep(run: Path) -> None:
+    """Writes `reality_table.json`: what the page shows of the run; the whole is larger than the documentation keeps."""
+    old = json.loads((RESULTS / "reality_table.json").read_text(encoding="utf-8"))
+    found: dict[tuple[str, str, str], float] = {}
+    for record in json.loads(run.read_text(encoding="utf-8")):
+        case = record["case"]
+        if case.get("errors") == old["errors"] and "scenario" in case:
+            found[case["scenario"], case["method"], record["metric"]] = record["value"]
+    rows = []
+    for motion, method in dict.fromkeys((motion, method) for motion, method, _ in found if method in ("walking", "ls")):
+        row: Record = {
+            "motion": {"shake": "sway"}.get(motion, motion),
+            "method": {"walking": "stadera", "ls": "plain least squares"}[method],
+        }
+        for key, metric in SHOWN.items():
+            both = [found.get((motion, method, f"{metric}, {size}")) for size in ("median", "95th percentile")]
+            row[key] = None if None in both else [float(f"{value:.2g}") for value in both if value is not None]
+        rows.append(row)
+    text = json.dumps(old | {"rows": rows}, ensure_ascii=False, indent=1)
+    (RESULTS / "reality_table.json").write_text(text, encoding="utf-8")
+
+
 def reality(record: Record) -> str:
     """Median and 95th percentile by motion; plain least squares below each."""
     columns = {
@@ -291,5 +323,7 @@ def renewed(page: str) -> str:
 
 
 if __name__ == "__main__":
+    if len(sys.argv) == 2:
+        keep(Path(sys.argv[1]))
     for page in PAGES:
         page.write_text(renewed(page.read_text(encoding="utf-8")), encoding="utf-8")
