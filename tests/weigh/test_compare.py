@@ -39,7 +39,13 @@ def test_each_method_weighs_each_log(tmp_path: Path) -> None:
     weighed = by["recording", "poses"].weighing
     assert weighed is not None
     assert weighed.mass == alone.mass
-    assert len(found.to_figures()) == 2
+    estimates, *curves = found.to_figures().values()
+    assert len(curves) == 2
+    (panel,) = estimates.panels
+    assert len(panel.marks[0].x) == sum(each.weighing is not None for each in found.entries)
+    low, high = panel.marks[0].x_range
+    at = panel.y.labels.index("poses, recording")
+    assert high[at] - low[at] == pytest.approx(4.0 * weighed.mass_std)
     assert "refused" in found.to_latex()
 
 
@@ -53,8 +59,19 @@ def test_a_table_a_page_and_json(run: Callable[..., Any], tmp_path: Path) -> Non
     assert [entry["method"] for entry in entries] == ["walking", "contact"]
     assert entries[0]["weighing"]["trunk"]["mass"]["std"] > 0.0
     text = page.read_text()
-    assert "Mass over time: walk.csv" in text
+    assert "Over time: walk.csv" in text
     assert "contact on walk.csv" in text
+
+
+def test_curves_have_bands_and_payloads_in_their_method_s_colour(tmp_path: Path) -> None:
+    found = compare("hyq", walk(tmp_path), ["walking", OWN], tare=(0.0, 1.5))
+    _, curves = found.to_figures().values()
+    mass, payload = curves.panels
+    for panel in (mass, payload):
+        lines = {mark.name: mark.colour for mark in panel.marks if not mark.fill}
+        bands = {mark.name: mark.colour for mark in panel.marks if mark.fill}
+        assert lines == bands == {"walking": "blue", "own_estimator.py:MeanMass": "orange"}
+    assert "kg by walking and own_estimator.py:MeanMass." in found.to_html()
 
 
 def test_what_is_wrong_is_said() -> None:

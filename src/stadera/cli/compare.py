@@ -26,7 +26,7 @@ def compare(
     options: opt.LogOptions,
     files: ResultFiles,
 ) -> None:
-    """Weigh logs by several methods: a table, masses over time over each other, LaTeX, JSON.
+    """Weigh logs by several methods: a table, curves over time over each other with their bands, LaTeX, JSON.
 
     What a method refuses is listed with the reason. --tare is a range of each log's time.
     """

@@ -77,7 +77,7 @@ class Comparison(Result):
         return [comparison_table(self)]
 
     def to_figures(self) -> Mapping[str, Figure | TableData]:
-        """The trunk's mass over time by each method, a figure for each log."""
+        """All results, then mass and payload over time by each method, a figure for each log."""
         from stadera.report.weigh.compared import comparison_figures
 
         return comparison_figures(self)

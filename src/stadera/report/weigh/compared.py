@@ -3,18 +3,26 @@
 from __future__ import annotations
 
 from collections import defaultdict
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from stadera.report.figures import Axis, Figure, Panel, Series
-from stadera.report.numbers import with_std
+from stadera.report.figures import Axis, Figure, Panel, Series, band, line, stacked
+from stadera.report.numbers import counted, listed, number, with_std
 from stadera.report.page import render
 from stadera.report.table import Cell, TableData
+from stadera.report.trust import LEVELS
+from stadera.report.weigh.plots import room
 from stadera.report.weigh.tables import place
+from stadera.types import Array
 from stadera.weigh.compare import Compared, Comparison
+from stadera.weigh.result import Weighing
 
 _HEAD = ("method", "trunk [kg]", "com x [m]", "com y [m]", "com z [m]", "payload [kg]", "trust")
 _COLOURS = ("blue", "orange", "green", "purple", "steel", "ink")
+
+Weighed = tuple[Compared, Weighing]
+"""An entry that has a result, and that result."""
 
 
 def comparison_table(result: Comparison) -> TableData:
@@ -36,26 +44,60 @@ def reasons(result: Comparison) -> tuple[str, ...]:
 
 
 def comparison_figures(result: Comparison) -> dict[str, Figure]:
-    """The trunk's mass over time by method, a figure for each log, by its name."""
-    by_log: dict[str, list[Compared]] = defaultdict(list)
-    for each in result.entries:
-        if each.weighing is not None:
-            by_log[each.log].append(each)
-    return {log: _curves(log, entries) for log, entries in by_log.items()}
+    """All results side by side, "estimates"; then mass and payload over time by each method, a figure for each log, by
+    its name.
+    """
+    by_log: dict[str, list[Weighed]] = defaultdict(list)
+    for each in _weighed(result):
+        by_log[each[0].log].append(each)
+    curves = {log: _curves(log, entries) for log, entries in by_log.items()}
+    return {"estimates": _estimates(result)} | curves if curves else {}
 
 
 def comparison_html(result: Comparison) -> str:
     """The complete, self-contained page."""
-    weighed = sum(each.weighing is not None for each in result.entries)
+    weighed, verdicts = list(_weighed(result)), ("bad", "doubtful", "good")
+    worst = next((v for v in verdicts if any(found.trust.verdict == v for _, found in weighed)), "bad")
+    refused = len(result.entries) - len(weighed)
     return render(
         "compare.html.j2",
         title=f"Comparison: {result.robot.name}",
-        headline=f"{weighed} of {len(result.entries)} weighings of {result.robot.name} gave a result",
-        level="good" if weighed == len(result.entries) else "warning",
+        headline=_headline(result),
+        level="warning" if refused and worst == "good" else LEVELS[worst],
+        word=f"{refused} refused" if refused else f"Trust: {worst}{'' if worst == 'good' else ' by some'}",
+        why="One standard deviation in the table, two in the figures.",
         table=comparison_table(result),
         notes=reasons(result),
         plots=list(comparison_figures(result).values()),
     )
+
+
+def _weighed(result: Comparison) -> Iterator[Weighed]:
+    yield from ((each, each.weighing) for each in result.entries if each.weighing is not None)
+
+
+def _quantity(weighed: Sequence[Weighed]) -> tuple[str, Array]:
+    """What is compared, the payload where all have one, else the trunk; its mass and standard deviation, (entries, 2)
+    [kg].
+    """
+    payloads = [found.payload for _, found in weighed if found.payload is not None]
+    if len(payloads) == len(weighed):
+        return "payload", np.array([[payload.mass, payload.mass_std] for payload in payloads])
+    return "trunk", np.array([[found.mass, found.mass_std] for _, found in weighed])
+
+
+def _headline(result: Comparison) -> str:
+    """How far the results are apart on one log; of several logs, how many there are."""
+    weighed, logs = list(_weighed(result)), {each.log for each in result.entries}
+    what = f"{len(weighed)} of {counted(len(result.entries), 'weighing')} of {result.robot.name} gave a result"
+    if len(logs) > 1 or not weighed:
+        return f"{what}."
+    name, mass = _quantity(weighed)
+    if len(weighed) == 1:
+        return f"{name.capitalize()} {with_std(*mass[0].tolist())} kg by {weighed[0][0].label}; {what}."
+    low, high = (number(float(end), 3) for end in (mass[:, 0].min(), mass[:, 0].max()))
+    methods = listed([each.label for each, _ in weighed])
+    return f"{name.capitalize()} between {low} and {high} kg by {methods}."
 
 
 def _row(each: Compared) -> tuple[str | Cell, ...]:
@@ -67,12 +109,39 @@ def _row(each: Compared) -> tuple[str | Cell, ...]:
     return each.label, mass, *place(found.com, found.com_std), payload, found.trust.verdict
 
 
-def _curves(log: str, entries: list[Compared]) -> Figure:
-    marks = []
-    for k, each in enumerate(entries):
-        assert each.weighing is not None
-        line, first = each.weighing.timeline, each.weighing.begin
-        colour = _COLOURS[k % len(_COLOURS)]
-        marks.append(Series(line.time - first, np.asarray(line.mass), each.label, colour, 1.6))
-    panel = Panel(Axis("time [s]"), Axis("trunk's mass [kg]"), tuple(marks))
-    return Figure(f"Mass over time: {log}", ((panel,),), "With all that is on it, as known at that time.", 300.0)
+def _estimates(result: Comparison) -> Figure:
+    """Each log's result by each method, with two standard deviations."""
+    weighed = list(_weighed(result))
+    name, values = _quantity(weighed)
+    one = len({each.log for each, _ in weighed}) == 1
+    labels = tuple(each.label if one else f"{each.label}, {each.log}" for each, _ in weighed)
+    mass, std = values.T
+    look = {"marker": "dot", "size": 9.0, "x_range": (mass - 2.0 * std, mass + 2.0 * std)}
+    mark = Series(mass, np.arange(float(len(mass))), "", "blue", 0.0, **look)  # type: ignore[arg-type]
+    panel = Panel(Axis(f"{name} [kg]"), Axis(labels=labels), (mark,))
+    return Figure(f"{name.capitalize()} by each method", ((panel,),), "With two standard deviations.")
+
+
+def _curves(log: str, entries: Sequence[Weighed]) -> Figure:
+    """The trunk's mass, and the payload of the methods that track it, over each other."""
+    mass = [(found.timeline.mass, found.timeline.mass_std) for _, found in entries]
+    panels = [_panel("trunk's mass [kg]", entries, mass)]
+    payloads = [(each, found) for each, found in entries if found.timeline.payload is not None]
+    if payloads:
+        added = [np.asarray(found.timeline.payload).T for _, found in payloads]
+        panels.append(_panel("payload [kg]", payloads, [(value, std) for value, std in added], entries))
+    return stacked(f"Over time: {log}", panels, "With two standard deviations, as known at that time.", 300.0)
+
+
+def _panel(
+    title: str, shown: Sequence[Weighed], values: Sequence[tuple[Array, Array]], entries: Sequence[Weighed] = ()
+) -> Panel:
+    """A curve with its band for each of `shown`, in the colours they have among all entries."""
+    marks, spans = list[Series](), []
+    for (each, found), (value, std) in zip(shown, values, strict=True):
+        colour = _COLOURS[[other for other, _ in entries or shown].index(each) % len(_COLOURS)]
+        time = found.timeline.time - found.begin
+        marks += [line(time, value, each.label, colour, width=1.8), band(time, value, std, colour, each.label)]
+        spans += [span] if (span := room(value, std)) else []
+    limits = (min(low for low, _ in spans), max(high for _, high in spans)) if spans else None
+    return Panel(Axis("time [s]"), Axis(title, limits=limits), tuple(marks))

@@ -81,10 +81,10 @@ def _panel(
     if truth is not None and true is not None:
         times = np.array([*(m.time for m in truth.moments), result.end])
         marks.append(Series(times, np.array([*true, true[-1]]), "truth", "green", 1.5, dashed=True, stairs="hold"))
-    return Panel(_time(result), Axis(quantity, limits=_room(values, std)), tuple(marks), _guides(result))
+    return Panel(_time(result), Axis(quantity, limits=room(values, std)), tuple(marks), _guides(result))
 
 
-def _room(values: Array, std: Array) -> tuple[float, float] | None:
+def room(values: Array, std: Array) -> tuple[float, float] | None:
     """Range of a plot over time that shows all values (k,) and the last error bar [the same unit]. Wider bars
     before it, of the first rows after a change, are cut off.
     """
