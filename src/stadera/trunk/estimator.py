@@ -428,7 +428,7 @@ class TrunkEstimator:
         updated = fit.update(history, self._front)
         if fit.due - history.blocks == self.settings.updated // 2:  # not in the block that also evaluates the fit
             self._changes.detector.learn(history.aged, fit.errors)
-            self._changes.place(history, fit.errors)
+            self._changes.place(history, fit.errors, self.settings.compared)
         held = fit.fit is not None and fit.fit.misfit > self.settings.bad
         found = self._changes.look(rows, history, fit.errors, held)
         if found is Found.OTHER:

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from stadera.body import Motion
 from stadera.errors import RecordingError, UnknownNameError
+from stadera.inertia import skews
 from stadera.robot.imu import ImuMount
 from stadera.robot.limbs import Place
 from stadera.robot.model import Robot
@@ -163,20 +164,23 @@ class Front:
 
     def blocks(self, table: Array, sizes: tuple[int, ...]) -> list[Made]:
         """Processes successive blocks, at least one, of so many samples, with one sample more before and after them."""
-        samples, squares = self._spikes.clean(Samples.of_table(table, len(self._robot.tree.joints)), sizes)
+        joints, legs = len(self._stops), self._robot.legs
+        clean, squares = self._spikes.clean(table, sizes, joints)
         sizes = sizes[: len(sizes) if squares is None else len(squares)]
-        window, inside, legs = window_of(sizes), samples[1:-1], self._robot.legs
+        window, samples, imu = window_of(sizes), Samples.of_table(clean, joints), clean[1:-1, 1 + 3 * joints :]
         first, last = window.edges[:-1], window.edges[1:] - 1
-        used = np.logical_and.reduceat(inside.specific_force.any(axis=1), first)
+        used = np.logical_and.reduceat(imu[:, 3:6].any(axis=1), first)
         duration = samples.time[last + 2] - samples.time[first + 1]
-        mean = window.sums(window.mean, np.hstack([inside.specific_force, inside.angular_velocity]))[:, 0]
-        along = mean[:, :3] / np.maximum(np.linalg.norm(mean[:, :3], axis=1, keepdims=True), 1e-300)
-        turn, motion = turned(mean[:, 3:], duration), self._maker.motion(samples)
+        mean = window.sums(window.mean, imu[:, :6])[:, 0]
+        omega, force = mean[:, :3], mean[:, 3:]
+        along = force / np.maximum(np.sqrt((force * force).sum(axis=1, keepdims=True)), 1e-300)
+        turn, motion = turned(omega, duration), self._maker.motion(samples)
         up = self._ground.follow(along, turn, duration, used)
         at_end = Motion._make((*(values[last] for values in motion[:6]), up))
-        feet = self._maker.feet(at_end, inside.effort[last])
+        feet = self._maker.feet(at_end, samples.effort[last + 1])
         normal = self._ground.normals(up, turn, duration, used, *feet)
-        normal += np.cross(0.5 * duration[:, None] * mean[:, 3:], normal)  # from the block's end to its middle
+        back = skews(0.5 * duration[:, None] * omega)  # from the block's end to its middle
+        normal += (back @ normal[:, :, None])[:, :, 0]
         motion = motion._replace(normal=normal[window.block])
         rows, singular = self._maker.blocks(samples, sizes, motion, self.shape, squares, used)
         made = []

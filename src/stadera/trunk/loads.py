@@ -67,6 +67,7 @@ class LoadChanges:
         self._ended: tuple[LoadChange, ...] = ()
         self._changing: _Change | None = None
         self._rival: _Rival | None = None
+        self._placed = 0  # number of blocks when places were compared
 
     def all(self, history: History, errors: Errors) -> tuple[LoadChange, ...]:
         """All changes so far; the last one's mass is that of the present estimate."""
@@ -91,9 +92,14 @@ class LoadChanges:
         self._divide(jump, history, errors, rows.time)
         return Found.OTHER
 
-    def place(self, history: History, errors: Errors) -> bool:
-        """Looks where the load is; True if it is elsewhere than was taken, which may have looked like a change."""
+    def place(self, history: History, errors: Errors, wait: float = 0.0) -> bool:
+        """Looks where the load is, unless that was done less than a time `wait` [s] ago; True if it is elsewhere than
+        was taken, which may have looked like a change.
+        """
         settings = self._settings
+        if (history.blocks - self._placed) * settings.block < wait:
+            return False
+        self._placed = history.blocks
         if not self._where.look(history, errors, settings.swing.repeated, settings.placed):
             return False
         self.detector.dismiss()

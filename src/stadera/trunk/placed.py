@@ -21,6 +21,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from math import sqrt
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -149,20 +150,29 @@ def log_odds(since: Segment, before: Segment, places: Sequence[Blocks], covarian
     normal, along = root.T @ base[1:, 1:] @ root, root.T @ base[1:, 0]
     found = [told(since, Held(at, before)) for at in places]
 
-    def judged(each: TrunkAndLoad, loud: float) -> tuple[float, float]:
-        """min (E + σ² pᵀ Σ₀⁻¹ p), and ln |1 + Σ₀ G''ᵀ G''/σ²|, of one place."""
-        moved, value = each.left[:, 1:] @ root, each.left[:, 0]
-        system, right = normal + moved.T @ moved, along + moved.T @ value
+    def judged(loud: float) -> list[tuple[float, float]]:
+        """Of each place, min (E + σ² pᵀ Σ₀⁻¹ p) and ln |1 + Σ₀ G''ᵀ G''/σ²|: of the rows that all have in common, and
+        what the place's own ones add to both, given those.
+        """
+        system = normal.copy()
         system.flat[:: len(system) + 1] += loud
         factor = lapack.dpotrf(system, lower=1)[0]
-        half = lapack.dtrtrs(factor, right, lower=1)[0]
-        spread = 2.0 * float(np.log(factor.diagonal() / np.sqrt(loud)).sum())
-        return float(base[0, 0] + value @ value - half @ half), spread
+        half, sizes = lapack.dtrtrs(factor, along, lower=1)[0], factor.diagonal() / sqrt(loud)
+        out = []
+        for each in found:
+            moved = lapack.dtrtrs(factor, (each.left[:, 1:] @ root).T, lower=1)[0]
+            away, own = each.left[:, 0] - half @ moved, moved.T @ moved
+            own.flat[:: len(own) + 1] += 1.0
+            lower = lapack.dpotrf(own, lower=1)[0]
+            away = lapack.dtrtrs(lower, away, lower=1)[0]
+            spread = 2.0 * float(np.log(sizes).sum() + np.log(lower.diagonal()).sum())
+            out.append((float(base[0, 0] - half @ half + away @ away), spread))
+        return out
 
-    least = min(judged(each, repeats)[0] for each in found)
+    least = min(energy for energy, _ in judged(repeats))
     loud = repeats * max(least / max(since.count, 1.0), QUIETEST)
-    each_place = [(*judged(each, loud), each.size) for each in found]
-    return np.array([-0.5 * (energy / loud + spread) - size for energy, spread, size in each_place])
+    shares = zip(judged(loud), found, strict=True)
+    return np.array([-0.5 * (energy / loud + spread) - each.size for (energy, spread), each in shares])
 
 
 _ROUNDING = 1e-12  # of a variance: errors that are known exactly have a singular covariance

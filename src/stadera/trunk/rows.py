@@ -241,7 +241,9 @@ class RowMaker:
         halves = self._halves(samples, window, motion, state, noise, sound)
         before = self._half or {name: np.zeros_like(value[:1]) for name, value in halves.items()}
         follows = np.concatenate([[self._half is not None], sound[:-1]]) & sound
-        first = {name: np.concatenate([before[name], value[:-1]]) for name, value in halves.items()}
+        first = before  # of each block, the one before it
+        if len(sizes) > 1:
+            first = {name: np.concatenate([before[name], value[:-1]]) for name, value in halves.items()}
         rows = self._rows(first, halves, noise, follows, trunk)
         self._half = {name: value[-1:] for name, value in halves.items()} if sound[-1] else None
         return rows, singular
@@ -400,16 +402,15 @@ class RowMaker:
             columns[:, :, 10] += A @ self.body.lumped  # the trunk contains the other joints' links at their reference
             self._limbs.add(columns, A, sums["by_links"], self._by_mass)
             limbs = self._limbs.rows(sums, self._by_mass) if len(self._limbs.joints) else None
-        by_terms = sums["by_terms"].transpose(3, 0, 2, 1)  # (terms, B, 6, J)
-        for name, values in zip(_TERMS, by_terms, strict=True):
-            C[:, :, places[name]] = -values
+        by_terms = -sums["by_terms"].transpose(3, 0, 2, 1)  # (terms, B, 6, J)
         # signs such that positive static friction lifts the trunk, as in all joints of a robot that sags
-        lifts = np.sign(np.einsum("bcj,bc->bj", by_terms[_TERMS.index("offset")][:, :3], signals[:, :3]))
+        lifts = np.sign((by_terms[_TERMS.index("offset"), :, :3] * signals[:, :3, None]).sum(axis=1))
         # noise is not motion: a joint that moved beyond it does not stick, another shows no friction or rotor inertia
         still = self._still(joint[:, 1], averaged[:, None] * noise.velocity, follows)
-        for name in ("rotor", "viscous", "coulomb"):
-            C[:, :, places[name]] *= ~still[:, None]
-        C[:, :, places["stiction"]] *= (lifts * still)[:, None]
+        by_terms[:3] *= ~still[:, None]
+        by_terms[-1] *= (-lifts * still)[:, None]
+        for name, values in zip(_TERMS, by_terms, strict=True):
+            C[:, :, places[name]] = values
         C[:, :, places["torque_lag"]] = sums["by_rate"][:, :, None]
         C[:, :, places["common_gain"]] = C[:, :, places["gain"]].sum(axis=2, keepdims=True)
         by_contact = slice(J, J + 3 * layout.contacts)

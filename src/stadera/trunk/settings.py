@@ -274,6 +274,8 @@ class TrunkSettings:
         explained: largest model error that is tried as an explanation of the residual, in prior standard deviations.
         doubtful, bad: misfit above which a result is doubtful, or bad, see `stadera.trust.Trust` [1].
         apart: standard deviations between a scale and the log, beyond which they contradict each other.
+        compared: time between two comparisons of the places where a load may be [s]; a change of the load compares
+            them at once.
         placed: probability above which a load is taken to be at one place and not another [1]: 19 to 1.
     """
 
@@ -299,6 +301,7 @@ class TrunkSettings:
     doubtful: float = 3.0
     bad: float = 9.0
     apart: float = 4.0
+    compared: float = 1.0
     placed: float = 0.95
 
     def __post_init__(self) -> None:
@@ -314,9 +317,10 @@ class TrunkSettings:
             "lost_ground",
             "size_spread",
             "explained",
+            "compared",
             "stop",
         )
-        require_positive("setting of weighing", self, (*rest, "stop"))
+        require_positive("setting of weighing", self, rest)
 
     def wait(self, blocks: int) -> int:
         """Number of blocks until model errors and fit are updated, after so many; the first ones update every time."""

@@ -11,16 +11,13 @@ and back faster than any joint turns. Spikes are replaced by the mean of their n
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from stadera.trunk.noise import mean_third_differences_squared
-from stadera.trunk.samples import Samples
 from stadera.trunk.window import Window, window_of
 from stadera.types import Array, Bools
-
-_CHANNELS = ("position", "velocity", "effort", "angular_velocity", "specific_force", "extra")
 
 
 @dataclass(frozen=True)
@@ -55,23 +52,23 @@ class SpikeFilter:
         self._usual: Array | None = None
         self._blocks = self.replaced = 0
 
-    def clean(self, samples: Samples, sizes: tuple[int, ...]) -> tuple[Samples, Array | None]:
+    def clean(self, table: Array, sizes: tuple[int, ...], joints: int) -> tuple[Array, Array | None]:
         """Takes in successive blocks up to the first one with a spike; that one alone, without it, if it is the first.
 
         Args:
-            samples: of the blocks, with one sample more before and after them. sizes: of the blocks.
+            table: `Samples.table` of the blocks, with one sample more before and after them. sizes: of the blocks.
+            joints: number of joints in the tree.
 
         Returns:
-            Samples of the blocks taken in, and mean squares of third differences of all their channels (blocks,
+            Table of the blocks taken in, and mean squares of third differences of all their channels (blocks,
             channels); None of blocks of less than two samples.
         """
         short = [size < 2 for size in sizes]
         sizes = sizes[: (*short, not short[0]).index(not short[0])]
+        table = table[: sum(sizes) + 2]
         if short[0]:
-            return samples[: sum(sizes) + 2], None
-        window, values = window_of(sizes), np.hstack([getattr(samples, name) for name in _CHANNELS])
-        values = values[: window.edges[-1] + 2]
-        step, joints = float(samples.time[1] - samples.time[0]), samples.position.shape[1]
+            return table, None
+        window, values, step = window_of(sizes), table[:, 1:], float(table[1, 0] - table[0, 0])
         squares, before = mean_third_differences_squared(values, window), []
         for square in squares:
             before.append(self._usual)
@@ -83,14 +80,12 @@ class SpikeFilter:
                 continue
             self._usual, self._blocks = before[b], self._blocks - len(sizes) + int(b)
             if b:
-                return samples[: window.edges[b] + 2], squares[:b]
+                return table[: window.edges[b] + 2], squares[:b]
             self.replaced += int(wild[1:-1].sum())  # the others belong to other blocks
             square = mean_third_differences_squared(cleaned, window_of(sizes[:1]))
             self._learn(square[0])
-            edges = np.cumsum([getattr(samples, name).shape[1] for name in _CHANNELS[:-1]])
-            channels = dict(zip(_CHANNELS, np.split(cleaned, edges, axis=1), strict=True))
-            return replace(samples[part], **channels), square
-        return samples[: len(values)], squares
+            return np.hstack([table[part, :1], cleaned]), square
+        return table, squares
 
     def _learn(self, square: Array) -> None:
         """Updates the usual noise by a block's mean squares of third differences."""
