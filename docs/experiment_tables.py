@@ -19,6 +19,7 @@ from typing import Any
 from stadera.report.numbers import number
 
 FOLDER = Path(__file__).parent
+REPLAYS = ("replay_go2", "replay_go2_commands", "replay_aliengo", "replay_aliengo_commands")
 STUDIES = ("reality_table", "ablation", "mini_cheetah", "faults", "humanoids")
 PAGES = (FOLDER / "comparison.md", FOLDER / "walking.md", *sorted((FOLDER / "validation").glob("*.md")))
 RESULTS = FOLDER / "results"
@@ -273,6 +274,18 @@ def demo(runs: list[Record]) -> str:
     return "\n".join([head, *(f"| {name} | {a} | {b} |" for name, (a, b) in rows.items())])
 
 
+def replays() -> str:
+    """Errors by run and model, of the runs that are kept, as `stadera replay --json` writes them."""
+    cells: dict[str, dict[str, str]] = {}
+    for name in REPLAYS:
+        path = RESULTS / f"{name}.json"
+        for window, errors in json.loads(path.read_text(encoding="utf-8"))["rmse"].items() if path.exists() else ():
+            for model, by_joint in errors.items():
+                row = f"{name.removeprefix('replay_').replace('_', ', ')}: {model}"
+                cells.setdefault(row, {})[f"{window} s [rad]"] = number(by_joint["all"], 3)
+    return table(cells, "log: model")
+
+
 def outcomes(runs: Iterable[Record]) -> str:
     """How often each outcome was."""
     return ", ".join(
@@ -310,6 +323,8 @@ def renewed(page: str) -> str:
             body = overview()
         elif name == "peers":
             body = peers()
+        elif name == "replays":
+            body = replays()
         elif name in WHOLE:
             run, made = WHOLE[name]
             body = made(json.loads((RESULTS / f"{run}.json").read_text(encoding="utf-8")))

@@ -117,6 +117,7 @@ ELSEWHERE = {
     "fleet": "tests/cli/test_fleet.py",
     "excite": "tests/cli/test_excite.py",
     "identify": "the README's commands",
+    "replay": "tests/lab/test_replay.py",
     "g1": "tests/trunk/test_any_robot.py",
     "--legs": "tests/cli/test_weigh_walking.py",
     "trot.csv": "docs/start.md",
@@ -196,7 +197,9 @@ def test_tables_of_the_experiments_are_those_of_the_runs() -> None:
     assert len(commands_listed) == len(set(commands_listed)), "a row a command"
     kept = {path.stem for path in made.RESULTS.glob("*.json")}
     assert (
-        {"table1", "fig4", "fig5", "fig6", "demo"} <= kept <= {*made.TIMES, *made.STUDIES, "demo", "peers", "survival"}
+        {"table1", "fig4", "fig5", "fig6", "demo"}
+        <= kept
+        <= {*made.TIMES, *made.STUDIES, *made.REPLAYS, "demo", "peers", "survival"}
     )
     assert sum(path.stat().st_size for path in made.RESULTS.iterdir()) < 300_000
 

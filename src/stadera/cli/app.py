@@ -18,6 +18,7 @@ from stadera.cli.identify import identify
 from stadera.cli.inspect import inspect
 from stadera.cli.live import live
 from stadera.cli.options import ColumnsMayStandAlone, flag
+from stadera.cli.replay import replay
 from stadera.cli.reproduce import reproduce
 from stadera.cli.simulate import simulate
 from stadera.cli.weigh import weigh
@@ -47,5 +48,5 @@ def _stadera(
     pass
 
 
-for _command in (identify, weigh, compare, live, inspect, excite, fleet, simulate, demo, reproduce):
+for _command in (identify, weigh, compare, live, inspect, excite, fleet, simulate, replay, demo, reproduce):
     app.command(cls=ColumnsMayStandAlone if _command is inspect else GatedCommand)(_command)

@@ -51,6 +51,7 @@ def identification_dict(result: Identification) -> dict[str, Any]:
         "trust": result.trust.to_dict(),
         "links": links_dict(result.legs, mark),
         "joints": joints_dict(result.legs, mark),
+        "cad_friction": {joint: _cad_friction(leg, joint) for leg in result.legs for joint in leg.leg.joints},
         "rank": result.rank,
         "parameters": result.parameters,
         "physical": result.is_physical,
@@ -143,7 +144,15 @@ def _link(leg: LegIdentification, link: str, mark: dict[str, bool]) -> dict[str,
 def _joint(leg: LegIdentification, joint: str, mark: dict[str, bool]) -> dict[str, Any]:
     prefix = f"{joint}."
     found = {name.removeprefix(prefix): q for name, q in leg.parameters.items() if name.startswith(prefix)}
-    return {name: _quantity(q) | mark for name, q in found.items()}
+    centres = leg.varying[joint].centres if joint in leg.varying else {}
+    centred = {name: {"centre": centre} for name, centre in centres.items()}
+    return {name: _quantity(q) | centred.get(name, {}) | mark for name, q in found.items()}
+
+
+def _cad_friction(leg: LegIdentification, joint: str) -> dict[str, float]:
+    """Joint terms that fit best with the links at the model's values; empty without legs in the air."""
+    found = {term: leg.friction_only.get(f"{joint}.{term}") for term in _READ}
+    return {term: value for term, value in found.items() if value is not None}
 
 
 def _quantity(quantity: Quantity) -> dict[str, Any]:
