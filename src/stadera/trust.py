@@ -2,8 +2,9 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from math import isfinite
 from typing import Literal, Self
+
+from stadera.results import finite_or_none
 
 Verdict = Literal["good", "doubtful", "bad"]
 _ORDER: tuple[Verdict, ...] = ("good", "doubtful", "bad")
@@ -43,7 +44,7 @@ class Trust:
         """Plain values for JSON; a misfit that was not evaluated is null."""
         return {
             "verdict": self.verdict,
-            "misfit": self.misfit if isfinite(self.misfit) else None,
+            "misfit": finite_or_none(self.misfit),
             "by_leg": dict(self.by_leg),
             "reasons": list(self.reasons),
         }

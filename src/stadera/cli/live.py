@@ -13,16 +13,16 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from stadera.cli import options as opt
-from stadera.cli import parse
 from stadera.cli.gate import REPLAY
-from stadera.cli.options import LogOptions, argument, option
+from stadera.cli.options import LogOptions, argument, grouped, option
+from stadera.cli.robot import RobotOptions, save_memory
 from stadera.cli.terminal import show
-from stadera.cli.weigh import watching
 
 if TYPE_CHECKING:
     from stadera.live import LiveState
 
 
+@grouped
 def live(
     robot: opt.RobotName,
     source: Annotated[str, argument("zenoh|replay:LOG", "Source of the messages.")] = "zenoh",
@@ -32,24 +32,13 @@ def live(
     listen: Annotated[list[str] | None, option("ENDPOINT", "Zenoh endpoint to listen on; repeatable.")] = None,
     config: Annotated[Path | None, option("F.json5", "Zenoh configuration file.")] = None,
     rate: Annotated[float, option("X", "Speed of a replay: X times as fast; or inf.", min=0.001)] = 1.0,
-    joint_topic: opt.JointTopic = None,
-    imu_topic: opt.ImuTopic = None,
-    imu_frame: opt.ImuFrame = None,
     tare: Annotated[
         float | None, option("SECONDS", "Tare so long after the first sample; else by stadera/tare.", min=0.0)
     ] = None,
-    weight: opt.Weight = None,
-    memory: opt.MemoryFile = None,
-    at: opt.At = None,
-    legs: opt.LegsFile = None,
-    force: opt.Force = False,
     record: Annotated[Path | None, option("F.mcap", "Record received and sent messages.")] = None,
-    units: opt.Units = None,
-    gear: opt.GearRatio = None,
-    fix: opt.Fix = False,
-    view: opt.View = False,
-    rrd: opt.RrdFile = None,
-    limit: opt.LimitValues = None,
+    *,
+    told: RobotOptions,
+    options: LogOptions,
 ) -> None:
     """Weigh a running robot: joint states and IMU in, trunk and payload out, until Ctrl-C.
 
@@ -59,12 +48,12 @@ def live(
     """
     if source != "zenoh" and not source.startswith(REPLAY):
         raise typer.BadParameter(f"{source!r} is neither zenoh nor {REPLAY}LOG", param_hint="SOURCE")
-    on_scale = None if weight is None else parse.weight(weight)
-    options = LogOptions(joint_topic, imu_topic, units=units, limit=limit, gear=gear)
+    if source == "zenoh" and options.columns is not None:
+        raise typer.BadParameter("messages have no columns: it is for logs that are replayed", param_hint="--columns")
+    on_scale = told.on_scale
     log = options.log(Path(source.removeprefix(REPLAY))) if source != "zenoh" else None
 
     from stadera.cli.outputs import check_outputs
-    from stadera.cli.weigh import read_memory, robot_with_legs, save_memory
     from stadera.files import written_together
     from stadera.live import LiveSession
     from stadera.live.link import Endpoints
@@ -72,31 +61,23 @@ def live(
     from stadera.logs.topics import AS_RECORDED
     from stadera.report.live import live_summary
 
-    model = robot_with_legs(robot, legs, options.reading.limits, force)
-    check_outputs((record, rrd, memory))
-    known = None if memory is None else read_memory(memory, model)
+    model = told.model(robot, options.reading.limits)
+    check_outputs((record, told.rrd, told.memory))
+    known = told.remembered(model)
     where = LiveSource(Endpoints(tuple(connect or ()), tuple(listen or ()), config), options.topics, log, rate)
-    with watching(model, view, rrd) as watch, written_together([] if record is None else [record]) as drafts:
+    with told.watching(model) as watch, written_together([] if record is None else [record]) as drafts:
         reading = options.reading if log is None else AS_RECORDED  # a log is read with it
         session = LiveSession(
-            model,
-            options.topics,
-            imu_frame,
-            watch=watch,
-            reading=reading,
-            fix=fix,
-            weight=on_scale,
-            tare_after=tare,
-            memory=known,
-            at=at,
-        )
+            model, options.topics, told.imu_frame, watch=watch, reading=reading, fix=options.fix, weight=on_scale,
+            tare_after=tare, memory=known, at=told.at,
+        )  # fmt: skip
         with _until_stopped() as stop, _shown() as sink:
             last = run(session, where, stop, [sink], drafts[0] if drafts else None)
     show(live_summary(last))
-    if memory is not None:
+    if told.memory is not None:
         learnt, said = session.remembered()
         if learnt is not None:
-            with written_together([memory]) as (draft,):
+            with written_together([told.memory]) as (draft,):
                 save_memory(learnt, draft)
         show(said)
 

@@ -52,16 +52,6 @@ Tare = Annotated[str | None, option("T0:T1|LOG", "Time [s] in LOG, or another lo
 Weight = Annotated[
     str | None, option("KG[±KG]", "The robot's mass on a scale, at the tare, else at the log's beginning.")
 ]
-Known = Annotated[
-    str | None, option("KG@X,Y,Z", "The payload, if it is a test weight [kg, m]: it calibrates the torques.")
-]
-At = Annotated[
-    str | None,
-    option("LINK", "Link or frame on which the payload is, such as a hand's [default: the likeliest place]."),
-]
-MemoryFile = Annotated[
-    Path | None, option("F.json", "What earlier logs told of this robot; read if it is there, and written anew.")
-]
 Stiffness = Annotated[str | None, option("KX,KY,KZ", "Stiffness of the trunk controller [N·m/rad], for 'orientation'.")]
 ImuFrame = Annotated[
     str | None, option("NAME", "Frame of the IMU's values [default: the log's own, else the model's].")
@@ -71,8 +61,6 @@ ImuTopic = Annotated[str | None, option("TOPIC", "Topic to read, if there are se
 JsonFile = Annotated[Path | None, option("F", "Write the result as JSON.", "--json")]
 ReportFile = Annotated[Path | None, option("F.html", "Write an HTML report; F.pdf is printed by Chromium.", "--report")]
 Force = Annotated[bool, flag("Give a result even if it is not to be trusted, every figure marked.", "--force")]
-View = Annotated[bool, flag("Show the robot and its estimates in Rerun.", "--view")]
-RrdFile = Annotated[Path | None, option("F.rrd", "Write a recording for Rerun.", "--rrd")]
 Units = Annotated[
     str | None, option("deg,ms,...", "Units of the log: deg, deg/s, gyro=deg/s, g, ms ...; 200Hz if it has no time.")
 ]

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import ExitStack
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import lru_cache
 from math import isfinite
 from pathlib import Path
@@ -18,6 +18,7 @@ from stadera.fleet.jobs import LogJob
 from stadera.fleet.source import digest, fetched, is_url, robot_named_in
 from stadera.fleet.table import COLUMNS, SIDES
 from stadera.logs.topics import LogFile
+from stadera.results import finite_or_none
 from stadera.weigh.settings import tare_of
 
 if TYPE_CHECKING:
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
     from stadera.trust import Trust
 
 Row = dict[str, Any]
-"""One row by column, see `stadera.fleet.table`; None for missing values."""
+"""One row by column, see `stadera.fleet.table`; None for missing values. A log's row also has its rows of `SIDES`."""
 
 
 @dataclass(frozen=True)
@@ -45,8 +46,6 @@ class Done:
     # read completely, so that another try may succeed
     key: str | None
     row: Row | None  # None if the result under this key exists already
-    # by name (see `stadera.fleet.table.SIDES`), rows of identified joints and legs
-    sides: Mapping[str, tuple[Row, ...]] = field(default_factory=lambda: dict.fromkeys(SIDES, ()))
 
 
 def process(task: Task) -> Done:
@@ -54,7 +53,6 @@ def process(task: Task) -> Done:
     job, begun = task.job, perf_counter()
     row = _empty(job) | {"status": "ok"}
     source, path = None, Path(job.log)
-    sides: Mapping[str, Iterable[Row]] = dict.fromkeys(SIDES, ())
     with ExitStack() as stack:
         try:
             path = stack.enter_context(fetched(job.log))
@@ -62,16 +60,15 @@ def process(task: Task) -> Done:
             if source.key == task.known:
                 return Done(source.key, None)
             row |= {"sha256": source.sha256, "robot": job.name or source.robot}
-            found, sides = _identified(job, source) if job.options.identify else (_weighed(job, source), sides)
-            row |= found
+            row |= _identified(job, source) if job.options.identify else _weighed(job, source)
         except Exception as error:  # whatever it is, the other logs go on
             row |= _failed(error, str(path), job.log)
             if isinstance(error, OSError | MemoryError):
                 source = None
     row["seconds"] = perf_counter() - begun
     named = {"log": job.log, "robot": row["robot"]}
-    own = {name: tuple(named | side for side in rows) for name, rows in sides.items()}
-    return Done(None if source is None else source.key, row, own)
+    row |= {name: [named | side for side in row[name]] for name in SIDES}
+    return Done(None if source is None else source.key, row)
 
 
 def page_path(folder: str | Path, log: str) -> Path:
@@ -98,7 +95,7 @@ def lost(job: LogJob, reason: str) -> Done:
 
 def _empty(job: LogJob) -> Row:
     named = {"log": job.log, "robot": job.name or job.robot, "version": stadera.__version__}
-    return dict.fromkeys(COLUMNS) | named
+    return dict.fromkeys(COLUMNS) | {name: [] for name in SIDES} | named
 
 
 def _failed(error: Exception, path: str, log: str) -> Row:
@@ -171,7 +168,7 @@ def _weighed(job: LogJob, source: _Source) -> Row:
     return row | _trust(result.trust)
 
 
-def _identified(job: LogJob, source: _Source) -> tuple[Row, Mapping[str, Iterable[Row]]]:
+def _identified(job: LogJob, source: _Source) -> Row:
     from stadera.identify.legs import identify
     from stadera.identify.log import has_effort, time_span
     from stadera.identify.settings import IdentifySettings
@@ -185,7 +182,8 @@ def _identified(job: LogJob, source: _Source) -> tuple[Row, Mapping[str, Iterabl
         raise UntrustedError(f"{log.source}: not to be trusted: {'; '.join(result.trust.reasons)}")
     _write_page(job, result)
     begin, end = time_span(log, result.legs[0].leg.joints)
-    return {"begin": begin, "end": end} | _trust(result.trust), {"joints": _joints(result), "legs": _legs(result)}
+    sides = {"joints": list(_joints(result)), "legs": list(_legs(result))}
+    return {"begin": begin, "end": end} | _trust(result.trust) | sides
 
 
 def _write_page(job: LogJob, result: Result) -> None:
@@ -224,4 +222,4 @@ def _pair(name: str, value: float, std: float) -> Row:
 
 
 def _trust(trust: Trust) -> Row:
-    return {"trust": trust.verdict, "misfit": trust.misfit if isfinite(trust.misfit) else None}
+    return {"trust": trust.verdict, "misfit": finite_or_none(trust.misfit)}

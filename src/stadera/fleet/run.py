@@ -15,9 +15,9 @@ from stadera.files import require_writable
 from stadera.fleet.jobs import LogJob
 from stadera.fleet.journal import journal, read_journal
 from stadera.fleet.pool import Failure, Pool, run_tasks
-from stadera.fleet.row import Done, Row, Task, is_done, lost, process
+from stadera.fleet.row import Done, Task, is_done, lost, process
 from stadera.fleet.source import is_url
-from stadera.fleet.table import SIDES, FleetTable, read_fleet, side_path, table_path
+from stadera.fleet.table import COLUMNS, SIDES, FleetTable, read_fleet, side_path, table_path
 
 Watch = Callable[[str, int, int, str], None]
 """Called with the step's name, the amount done, the total amount, and the number of logs in words."""
@@ -59,7 +59,7 @@ def run_fleet(
             for log, outcome in outcomes:
                 done = lost(by_log[log], outcome.reason) if isinstance(outcome, Failure) else outcome
                 if done.row is not None:
-                    append({"key": done.key, "row": done.row, **done.sides})
+                    append({"key": done.key, "row": done.row})
                     fleet.add(log, done)
                 finished(log)
     finally:
@@ -79,8 +79,7 @@ class _Fleet:
             self._read(read_fleet(target))
         self._changed, self._saved = False, monotonic()
         for entry in read_journal(self.journal):
-            sides = {name: tuple(entry[name]) for name in SIDES}
-            self._done[entry["row"]["log"]] = Done(entry["key"], entry["row"], sides)
+            self._done[entry["row"]["log"]] = Done(entry["key"], entry["row"])
             self._changed = True
 
     def key(self, log: str) -> str | None:
@@ -103,18 +102,18 @@ class _Fleet:
         """Logs of earlier runs, then those of this one in their order."""
         now = dict.fromkeys(job.log for job in self._jobs)
         order = [*(log for log in self._done if log not in now), *(log for log in now if log in self._done)]
-        done = [self._done[log] for log in order]
-        sides = {name: tuple(row for one in done for row in one.sides.get(name, ())) for name in SIDES}
-        return FleetTable(tuple(one.row or {} for one in done), keys=tuple(one.key for one in done), **sides)
+        rows = [self._done[log].row or {} for log in order]
+        sides = {name: tuple(side for row in rows for side in row[name]) for name in SIDES}
+        keys = tuple(self._done[log].key for log in order)
+        return FleetTable(tuple({name: row[name] for name in COLUMNS} for row in rows), keys=keys, **sides)
 
     def _read(self, table: FleetTable) -> None:
-        sides: dict[str, dict[str, list[Row]]] = {row["log"]: {name: [] for name in SIDES} for row in table.rows}
+        rows = {row["log"]: row | {name: [] for name in SIDES} for row in table.rows}
         for name in SIDES:
-            for row in getattr(table, name):
-                sides[row["log"]][name].append(row)
-        for row, key in zip(table.rows, table.keys, strict=True):
-            own = {name: tuple(rows) for name, rows in sides[row["log"]].items()}
-            self._done[row["log"]] = Done(key, row, own)
+            for side in getattr(table, name):
+                rows[side["log"]][name].append(side)
+        for (log, row), key in zip(rows.items(), table.keys, strict=True):
+            self._done[log] = Done(key, row)
 
 
 def _progress(logs: Sequence[str], watch: Watch | None) -> Callable[[str], None]:

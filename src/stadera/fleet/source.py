@@ -18,8 +18,6 @@ from typing import Any
 from stadera.errors import MissingExtraError, RecordingError
 from stadera.logs.topics import LogFile
 
-_PIECE = 1 << 20  # bytes read at once
-
 
 def is_url(address: str) -> bool:
     """True if an address is a URL instead of a path on disk."""
@@ -71,15 +69,13 @@ def fetched(address: str) -> Iterator[Path]:
 
 def digest(path: Path) -> str:
     """SHA-256 of a file's content; of a folder, of its files' names and contents."""
-    total = hashlib.sha256()
     if path.is_dir():
+        total = hashlib.sha256()
         for part in sorted(part for part in path.rglob("*") if part.is_file()):
             total.update(f"{part.relative_to(path).as_posix()}\0{digest(part)}\0".encode())
         return total.hexdigest()
     with path.open("rb") as file:
-        while piece := file.read(_PIECE):
-            total.update(piece)
-    return total.hexdigest()
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _system(url: str) -> tuple[Any, str]:

@@ -61,7 +61,7 @@ def read_key(key: str) -> Key:
 def read_token(token: str) -> tuple[str, Key] | None:
     """Parses a publisher's token into key and topic; None for other tokens."""
     parts = token.split("/")
-    if parts[0] == "@ros2_lv" and len(parts) >= 12 and parts[5] == "MP" and parts[1].isdigit():
+    if parts[0] == "@ros2_lv" and parts[5:6] == ["MP"] and parts[11:] and parts[1].isdigit():
         name, kind, type_hash = parts[9].replace("%", "/"), parts[10], parts[11]
         return f"{parts[1]}{name}/{kind}/{type_hash}", Key(name, ros_type(kind), int(parts[1]), type_hash)
     if parts[0] == "@" and len(parts) >= 6 and parts[2:4] == ["@ros2_lv", "MP"]:

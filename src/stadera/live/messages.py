@@ -16,9 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stadera.inertia import InertialParameters
 from stadera.live.state import LiveState
-from stadera.trunk.load import Payload
 from stadera.types import Array
 
 if TYPE_CHECKING:
@@ -66,32 +64,23 @@ def of_state(state: LiveState) -> dict[str, bytes]:
     the payload. Both are sent only while samples arrive and the verdict is not "bad".
     """
     text = json.dumps(state.to_dict(), allow_nan=False)
-    out = {STATE: text.encode(), DIAGNOSIS: diagnostics_message(state, state.robot, time.time_ns())}
+    out = {STATE: text.encode(), DIAGNOSIS: _diagnostics(state, time.time_ns())}
     if state.is_trusted and state.stamp:
-        out[TRUNK] = trunk_message(state.trunk.inertial, state.link, state.stamp)
-        if state.payload is not None:
-            out[PAYLOAD] = payload_message(state.payload, state.payload.at or state.link, state.stamp)
+        body, payload = state.trunk.inertial, state.payload
+        out[TRUNK] = _inertia(body.mass, body.com, body.inertia_com, state.link, state.stamp)
+        if payload is not None:  # NaN if centre of mass or inertia were not observed
+            tensor = np.full((3, 3), np.nan) if payload.inertia is None else payload.inertia
+            out[PAYLOAD] = _inertia(payload.mass, payload.com, tensor, payload.at or state.link, state.stamp)
     return out
 
 
-def trunk_message(body: InertialParameters, frame: str, stamp: int) -> bytes:
-    """Encodes a body as InertiaStamped, in the frame of the named link, at a stamp [ns]."""
-    return _inertia(body.mass, body.com, body.inertia_com, frame, stamp)
-
-
-def payload_message(payload: Payload, frame: str, stamp: int) -> bytes:
-    """Encodes a payload as InertiaStamped; NaN if centre of mass or inertia were not observed."""
-    tensor = np.full((3, 3), np.nan) if payload.inertia is None else payload.inertia
-    return _inertia(payload.mass, payload.com, tensor, frame, stamp)
-
-
-def diagnostics_message(state: LiveState, hardware: str, stamp: int) -> bytes:
+def _diagnostics(state: LiveState, stamp: int) -> bytes:
     """Encodes the state as one status: OK for a good verdict, WARN for doubtful, ERROR for bad, STALE while waiting."""
     make = types().types
     level = _LEVELS["stale" if state.waiting_for else state.trust.verdict]
     text = "; ".join(state.waiting_for or state.trust.reasons) or "figures and error bars hold"
     values = [make["diagnostic_msgs/msg/KeyValue"](key, value) for key, value in state.figures().items()]
-    status = make["diagnostic_msgs/msg/DiagnosticStatus"](level, "stadera", text, hardware, values)
+    status = make["diagnostic_msgs/msg/DiagnosticStatus"](level, "stadera", text, state.robot, values)
     return _cdr(make[DIAGNOSTICS](_header(stamp, ""), [status]), DIAGNOSTICS)
 
 
@@ -106,6 +95,7 @@ def answer_message(success: bool, message: str) -> bytes:
 
 
 def _inertia(mass: float, com: Array, tensor: Array, frame: str, stamp: int) -> bytes:
+    """Encodes a body as InertiaStamped, in the frame of the named link, at a stamp [ns]."""
     make = types().types
     six = (float(tensor[i, k]) for i in range(3) for k in range(i, 3))
     inertia = make["geometry_msgs/msg/Inertia"](mass, make["geometry_msgs/msg/Vector3"](*map(float, com)), *six)

@@ -31,21 +31,10 @@ _REFUSED = (*FATAL, "contradiction", "not_on_feet")
 """Causes with which nothing is weighed."""
 
 
-@dataclass(frozen=True)
-class Checked:
-    """Result of checking a stretch: why nothing can be weighed, one sentence with the option that corrects it, empty if
-    it can; other findings and corrections made; and whether what was learnt so far is to be discarded.
-    """
-
-    wrong: str = ""
-    notes: tuple[str, ...] = ()
-    anew: bool = False
-
-
 class StreamGuard:
     """Checks the first seconds of a stream as every command checks a log: units, signs, order of legs, feet on the
-    ground. In stretches of `seconds` [s], after `changes` of all samples; `fix` corrects unambiguous faults. `wrong` is
-    that of the last stretch, see `Checked`.
+    ground. In stretches of `seconds` [s], after `changes` of all samples; `fix` corrects unambiguous faults. `wrong`
+    says why nothing can be weighed, one sentence with the option that corrects it; empty if the last stretch can.
 
     Samples are used at once. If the check then finds that they cannot be weighed, what was learnt is discarded, the
     state says what is wrong and which option corrects it, and each further stretch is checked until one is sound: a
@@ -67,30 +56,27 @@ class StreamGuard:
         """Announces that the next samples do not continue the previous ones."""
         self._parts.clear()
 
-    def check(self, recording: Recording) -> Checked | None:
-        """Takes in corrected samples; the result once a stretch is complete, until one is sound."""
+    def check(self, recording: Recording) -> tuple[tuple[str, ...], bool]:
+        """Takes in corrected samples. Once a stretch is complete, until one is sound: findings and corrections, and
+        whether what was learnt so far is to be discarded.
+        """
         if self._done:
-            return None
+            return (), False
         self._parts.append(recording)
         if float(recording.time[-1] - self._parts[0].time[0]) < self._seconds:
-            return None
+            return (), False
         parts, self._parts = tuple(self._parts), []
         try:
             found = diagnose(concatenate(parts), self._robot, self._frame)
         except RecordingError:  # stretches that do not fit together
-            return None
-        return self._judged(found)
-
-    def _judged(self, found: Sequence[Finding]) -> Checked:
-        mends = [finding.mend for finding in found if finding.mend is not None] if self._fix else []
-        if mends:
+            return (), False
+        if self._fix and (mends := [finding.mend for finding in found if finding.mend is not None]):
             self._changes += mends
-            return Checked(self.wrong, tuple(mend.text for mend in mends), anew=True)
+            return tuple(mend.text for mend in mends), True
         refused = [finding for finding in found if finding.cause in _REFUSED]
         before, self.wrong = self.wrong, f"samples that can be weighed: {_said(refused[0])}" if refused else ""
         self._done = not refused
-        notes = tuple(str(finding) for finding in found if finding not in refused)
-        return Checked(self.wrong, notes, anew=bool(refused or before))
+        return tuple(str(finding) for finding in found if finding not in refused), bool(refused or before)
 
 
 def _said(finding: Finding) -> str:
@@ -263,10 +249,10 @@ class LiveSession:
             self._guard.restart()
         recording = self._guard.corrected(recording)
         self._use(recording)
-        if (checked := self._guard.check(recording)) is not None:
-            self.intake.notes |= dict.fromkeys(checked.notes)
-            if checked.anew:
-                self.reset()
+        notes, anew = self._guard.check(recording)
+        self.intake.notes |= dict.fromkeys(notes)
+        if anew:
+            self.reset()
 
     def _until_tare(self, samples: Samples) -> tuple[Samples, ...]:
         """The samples up to the one at which the tare is due, and those after it."""

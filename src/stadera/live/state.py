@@ -2,9 +2,9 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from math import isfinite
 from typing import Any
 
+from stadera.results import finite_or_none
 from stadera.trunk.load import LoadChange, Payload
 from stadera.trunk.result import TrunkParameters
 from stadera.trust import Trust
@@ -58,7 +58,7 @@ class LiveState:
         mark = {} if self.is_trusted else {"trusted": False}
         return {
             "robot": self.robot,
-            "time": _number(self.time),
+            "time": finite_or_none(self.time),
             "status": self.status,
             "trunk": self.trunk.to_dict(mark) | {"frame": self.link},
             "payload": None if self.payload is None else self.payload.to_dict(self.link, mark),
@@ -66,7 +66,7 @@ class LiveState:
             "trust": self.trust.to_dict(),
             "rates": {topic: round(rate, 2) for topic, rate in self.rates.items()},
             "lost": dict(self.lost),
-            "lag": {"processing": _number(self.lag.processing), "stamp": _number(self.lag.stamp)},
+            "lag": {"processing": finite_or_none(self.lag.processing), "stamp": finite_or_none(self.lag.stamp)},
             "waiting_for": list(self.waiting_for),
             "notes": list(self.notes),
             "spikes": self.spikes,
@@ -101,7 +101,3 @@ class LiveState:
         shown["left out for impacts [s]"] = f"{self.impacts:.2f}"
         shown["lag [ms]"] = number(1e3 * self.lag.processing, 3, "none yet")
         return shown
-
-
-def _number(value: float) -> float | None:
-    return value if isfinite(value) else None

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -19,9 +19,10 @@ from scipy.spatial.transform import Rotation
 
 from stadera.constants import EPOCH, GRAVITY
 from stadera.errors import MissingExtraError, StaderaError
+from stadera.report.look import light
 from stadera.robot.imu import ImuMount
 from stadera.robot.kinematics import forward_kinematics
-from stadera.robot.model import Robot
+from stadera.robot.model import Robot, Shape
 from stadera.trunk.estimator import TrunkEstimator
 from stadera.trunk.measurement import Measurement
 from stadera.trunk.model import TrunkBounds
@@ -33,10 +34,8 @@ from stadera.weigh.pipeline import trust_now
 if TYPE_CHECKING:
     import rerun
 
-_AXES = ("x", "y", "z")
-_AXIS_COLOURS = ([194, 65, 12], [77, 124, 15], [11, 108, 196])
-_TRUST_COLOURS = {"good": [46, 160, 67], "doubtful": [227, 160, 8], "bad": [207, 34, 46]}
-_LINK, _TRUNK, _FORCE, _SUPPORT = [150, 160, 175], [150, 160, 175, 90], [224, 142, 69], [110, 118, 130]
+_TRUST_COLOURS = {"good": "green", "doubtful": "amber", "bad": "red"}
+_TRUST_LEVELS = {"good": "INFO", "doubtful": "WARN", "bad": "ERROR"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,15 +141,15 @@ class Viewer:
             raise MissingExtraError("rerun-sdk", "view", "the viewer") from None
         self._rr, self._robot = rerun, robot
         self._period, self._deviations = period, deviations
-        self._postures, self._shapes = Postures(robot), _Shapes(robot)
+        self._postures, self._trunk = Postures(robot), list[object](["world", "robot", robot.trunk])
         self._wide = TrunkBounds.of(robot).spread[1:]
         self._longest = float(np.linalg.norm(robot.tree.translations, axis=1).max())
         self._force_scale = 2.0 * self._longest / (robot.mass * GRAVITY)
         self._rec = rerun.RecordingStream(f"stadera {robot.name}")
         self._open(spawn, save)
         self._begin, self._due, self._changes, self._verdict = np.nan, -np.inf, 0, ""
-        self._pose: Posture | None = None
         self._style()
+        self._draw_shapes()
 
     def __enter__(self) -> Self:
         return self
@@ -163,15 +162,14 @@ class Viewer:
     def watch(self, samples: Samples, estimator: TrunkEstimator) -> None:
         """Draws samples (IMU values in trunk axes), and the estimates of the estimator that has processed them."""
         for posture in self._postures.of(samples, estimator.mount):
-            self._pose = posture
             self._at(posture.time)
             self._draw_robot(posture)
         time = float(samples.time[-1])
         self._begin = float(samples.time[0]) if np.isnan(self._begin) else self._begin
-        if self._pose is not None and not self._due - self._period <= time < self._due:
+        if not self._due - self._period <= time < self._due:
             self._due = time + self._period
             self._at(time)
-            self._draw_known(self._pose, estimator)
+            self._draw_known(estimator)
 
     # -- inside -----------------------------------------------------------------------------------------------
     def _open(self, spawn: bool, save: Path | None) -> None:
@@ -195,57 +193,63 @@ class Viewer:
         rr, log = self._rr, self._rec.log
         log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
         for place, name in (("plots/trunk", "trunk"), ("plots/payload", "payload")):
-            log(f"{place}/mass", _band(rr, [f"{name} mass [kg]"], [[11, 108, 196]]), static=True)
-            log(f"{place}/com", _band(rr, [f"{name} com {a} [m]" for a in _AXES], _AXIS_COLOURS), static=True)
-        verdicts, colours = list(_TRUST_COLOURS), list(_TRUST_COLOURS.values())
+            log(f"{place}/mass", _band(rr, [f"{name} mass [kg]"], ["blue"]), static=True)
+            log(
+                f"{place}/com", _band(rr, [f"{name} com {a} [m]" for a in "xyz"], ["red", "green", "blue"]), static=True
+            )
+        verdicts, colours = list(_TRUST_COLOURS), [_rgb(name) for name in _TRUST_COLOURS.values()]
         log("trust", rr.StateConfiguration(values=verdicts, labels=verdicts, colors=colours), static=True)
+
+    def _draw_shapes(self) -> None:
+        """Draws the links' shapes in the links' frames, once."""
+        shapes, trunk = self._robot.shapes, self._robot.trunk
+        for link, kind in dict.fromkeys((shape.link, shape.kind) for shape in shapes):
+            own = [shape for shape in shapes if (shape.link, shape.kind) == (link, kind)]
+            colour = [*_rgb("steel"), 90] if link == trunk else _rgb("steel")  # keeps bodies inside the trunk visible
+            self._rec.log(["world", "robot", link, kind], _drawn(self._rr, kind, own, colour), static=True)
 
     def _draw_robot(self, posture: Posture) -> None:
         rr, log = self._rr, self._rec.log
-        for name, archetype in self._shapes.drawn(rr, posture):
-            log(f"world/robot/{name}", archetype)
+        for link, rotation, origin in zip(self._robot.tree.links, posture.rotations, posture.origins, strict=True):
+            log(["world", "robot", link], rr.Transform3D(translation=origin, mat3x3=rotation))
         vectors = self._force_scale * posture.forces
-        log("world/forces", rr.Arrows3D(vectors=vectors, origins=posture.contacts, colors=_FORCE, radii=0.006))
-        log("world/support", rr.LineStrips3D(_polygon(posture), colors=_SUPPORT, radii=0.004))
+        log("world/forces", rr.Arrows3D(vectors=vectors, origins=posture.contacts, colors=_rgb("box"), radii=0.006))
+        log("world/support", rr.LineStrips3D(_polygon(posture), colors=_rgb("soft"), radii=0.004))
 
-    def _draw_known(self, posture: Posture, estimator: TrunkEstimator) -> None:
+    def _draw_known(self, estimator: TrunkEstimator) -> None:
         rr, log, trunk, payload = self._rr, self._rec.log, estimator.trunk, estimator.payload
         trust = trust_now(estimator)
-        colour = _TRUST_COLOURS[trust.verdict]
+        colour = _rgb(_TRUST_COLOURS[trust.verdict])
         if trust.verdict != self._verdict:
             self._verdict = trust.verdict
+            text = f"trust: {trust.verdict} {'; '.join(trust.reasons)}"
             log("trust", rr.StateChange(state=trust.verdict))
-            log("events", rr.TextLog(f"trust: {trust.verdict} {'; '.join(trust.reasons)}", level=_level(trust.verdict)))
+            log("events", rr.TextLog(text, level=_TRUST_LEVELS[trust.verdict]))
         if trunk.observed[0]:
             self._plot("trunk", trunk.inertial.mass, trunk.mass_std, trunk.com, trunk.com_std)
-        half, turned = self._spread(trunk.covariance[1:, 1:], posture)
-        centre = posture.rotation @ trunk.inertial.com + posture.origin
-        log(
-            "world/com",
-            rr.Ellipsoids3D(
-                centers=[centre], half_sizes=[half], quaternions=[turned], colors=[colour], fill_mode="solid"
-            ),
+        half, turned = self._spread(trunk.covariance[1:, 1:])
+        com = rr.Ellipsoids3D(
+            centers=[trunk.inertial.com], half_sizes=[half], quaternions=[turned], colors=[colour], fill_mode="solid"
         )
+        log([*self._trunk, "com"], com)
         if payload is not None:
             self._plot("payload", payload.mass, payload.mass_std, payload.com, payload.com_std)
             centre = np.full(3, np.nan) if payload.at else payload.com
-            self._draw_payload(centre, payload.com_covariance, f"{payload.mass:.2f} kg", posture, colour)
+            self._draw_payload(centre, payload.com_covariance, f"{payload.mass:.2f} kg", colour)
         for change in estimator.changes[self._changes :]:
             log("events", rr.TextLog(f"load {change.kind}, at {change.time - self._begin:.2f} s", level="INFO"))
         self._changes = len(estimator.changes)
 
-    def _draw_payload(self, com: Array, covariance: Array, label: str, posture: Posture, colour: list[int]) -> None:
+    def _draw_payload(self, com: Array, covariance: Array, label: str, colour: list[int]) -> None:
         """Draws a box around the payload's centre of mass; nothing if no component of it was observed."""
-        rr = self._rr
+        rr, place = self._rr, [*self._trunk, "payload"]
         if np.isnan(com).all():
-            self._rec.log("world/payload", rr.Clear(recursive=False))
+            self._rec.log(place, rr.Clear(recursive=False))
             return
         std = np.sqrt(np.diag(covariance))
         half = np.where(np.isnan(std), self._wide, self._deviations * std)
-        centre = posture.rotation @ np.where(np.isnan(com), 0.0, com) + posture.origin
-        turned = Rotation.from_matrix(posture.rotation).as_quat()
-        box = rr.Boxes3D(centers=[centre], half_sizes=[half], quaternions=[turned], colors=[colour], labels=[label])
-        self._rec.log("world/payload", box)
+        centre = np.where(np.isnan(com), 0.0, com)
+        self._rec.log(place, rr.Boxes3D(centers=[centre], half_sizes=[half], colors=[colour], labels=[label]))
 
     def _plot(self, what: str, mass: float, mass_std: float, com: Array, com_std: Array) -> None:
         rr = self._rr
@@ -253,52 +257,29 @@ class Viewer:
             band = np.stack([value, value - self._deviations * std, value + self._deviations * std], axis=1)
             self._rec.log(f"plots/{what}/{name}", rr.Scalars(band.ravel()))
 
-    def _spread(self, covariance: Array, posture: Posture) -> tuple[Array, Array]:
+    def _spread(self, covariance: Array) -> tuple[Array, Array]:
         """Half axes [m] and orientation of a centre of mass's uncertainty ellipsoid."""
         seen = np.isfinite(np.diag(covariance))
         full = np.diag((self._wide / self._deviations) ** 2)
         full[np.ix_(seen, seen)] = covariance[np.ix_(seen, seen)]
         values, vectors = np.linalg.eigh(full)
         vectors[:, 0] *= np.sign(np.linalg.det(vectors))
-        return self._deviations * np.sqrt(values), Rotation.from_matrix(posture.rotation @ vectors).as_quat()
+        return self._deviations * np.sqrt(values), Rotation.from_matrix(vectors).as_quat()
 
 
-class _Shapes:
-    """The robot's shapes by kind, fixed to their links."""
-
-    def __init__(self, robot: Robot) -> None:
-        shapes = robot.shapes
-        self._kinds = {}
-        for kind in ("box", "capsule", "cylinder", "sphere"):
-            own = [shape for shape in shapes if shape.kind == kind]
-            if own:
-                links = [robot.tree.links.index(shape.link) for shape in own]
-                colours = [_LINK if link else _TRUNK for link in links]  # keeps bodies inside the trunk visible
-                rotations, places = np.array([s.rotation for s in own]), np.array([s.translation for s in own])
-                self._kinds[kind] = (links, rotations, places, np.array([shape.size for shape in own]), colours)
-
-    def drawn(self, rr: Any, posture: Posture) -> list[tuple[str, Any]]:
-        """Yields all shapes by kind at their present poses."""
-        out = []
-        for kind, (links, rotations, places, sizes, colours) in self._kinds.items():
-            R = posture.rotations[links] @ rotations
-            at = np.einsum("nij,nj->ni", posture.rotations[links], places) + posture.origins[links]
-            turned = Rotation.from_matrix(R).as_quat()
-            if kind == "capsule":  # Rerun's capsules start at their first end
-                at = at - 0.5 * sizes[:, 1:] * R[:, :, 2]
-            out.append((kind, _archetype(rr, kind, at, turned, sizes, colours)))
-        return out
-
-
-def _archetype(rr: Any, kind: str, at: Array, turned: Array, sizes: Array, colours: list[list[int]]) -> Any:
-    look = {"colors": colours, "fill_mode": "solid"}
+def _drawn(rr: Any, kind: str, shapes: Sequence[Shape], colour: list[int]) -> Any:
+    """Shapes of one kind in the frame of their link."""
+    rotations, at = np.array([shape.rotation for shape in shapes]), np.array([shape.translation for shape in shapes])
+    sizes, turned = np.array([shape.size for shape in shapes]), Rotation.from_matrix(rotations).as_quat()
+    look: dict[str, Any] = {"colors": [colour] * len(shapes), "fill_mode": "solid"}
     if kind == "box":
         return rr.Boxes3D(centers=at, half_sizes=0.5 * sizes, quaternions=turned, **look)
     if kind == "sphere":
         return rr.Ellipsoids3D(centers=at, radii=sizes[:, 0], **look)
-    if kind == "capsule":
-        return rr.Capsules3D(translations=at, radii=sizes[:, 0], lengths=sizes[:, 1], quaternions=turned, **look)
-    return rr.Cylinders3D(centers=at, radii=sizes[:, 0], lengths=sizes[:, 1], quaternions=turned, **look)
+    look |= {"radii": sizes[:, 0], "lengths": sizes[:, 1], "quaternions": turned}
+    if kind == "capsule":  # Rerun's capsules start at their first end
+        return rr.Capsules3D(translations=at - 0.5 * sizes[:, 1:] * rotations[:, :, 2], **look)
+    return rr.Cylinders3D(centers=at, **look)
 
 
 def _polygon(posture: Posture) -> list[Array]:
@@ -311,16 +292,17 @@ def _polygon(posture: Posture) -> list[Array]:
     return [corners[[*around, around[0]]]]
 
 
-def _band(rr: Any, names: list[str], colours: Any) -> Any:
+def _band(rr: Any, names: list[str], colours: list[str]) -> Any:
     """Style of values with two standard deviations below and above."""
-    lines = [(f"{name}{part}", colour, width) for name, colour in zip(names, colours, strict=True)
+    lines = [(f"{name}{part}", _rgb(colour), width) for name, colour in zip(names, colours, strict=True)
              for part, width in (("", 2.0), (" − 2σ", 0.7), (" + 2σ", 0.7))]  # fmt: skip
-    names, colours, widths = (list(column) for column in zip(*lines, strict=True))
-    return rr.SeriesLines(names=names, colors=colours, widths=widths)
+    shown, rgb, widths = (list(column) for column in zip(*lines, strict=True))
+    return rr.SeriesLines(names=shown, colors=rgb, widths=widths)
 
 
-def _level(verdict: str) -> str:
-    return {"good": "INFO", "doubtful": "WARN", "bad": "ERROR"}[verdict]
+def _rgb(name: str) -> list[int]:
+    """One of the reports' colours, on white."""
+    return list(bytes.fromhex(light(name).removeprefix("#")))
 
 
 def _blueprint(size: float) -> rerun.blueprint.Blueprint:
