@@ -151,7 +151,7 @@ def test_killed_while_it_wrote(table: Path, jobs: list[LogJob], tmp_path: Path, 
     """The table not written yet, the journal's last line incomplete."""
     done = read_fleet(table)
     lines = [
-        json.dumps({"version": "0.1.0", "key": key, "row": row, "joints": [], "legs": []})
+        json.dumps({"version": "0.1.0", "key": key, "row": row | {"joints": [], "legs": []}})
         for key, row in zip(done.keys, done.rows, strict=True)
     ]
     (tmp_path / ".runs.journal.jsonl").write_text("\n".join(lines)[:-30])

@@ -37,7 +37,7 @@ def live(
     ] = None,
     record: Annotated[Path | None, option("F.mcap", "Record received and sent messages.")] = None,
     *,
-    told: RobotOptions,
+    weighed: RobotOptions,
     options: LogOptions,
 ) -> None:
     """Weigh a running robot: joint states and IMU in, trunk and payload out, until Ctrl-C.
@@ -50,7 +50,7 @@ def live(
         raise typer.BadParameter(f"{source!r} is neither zenoh nor {REPLAY}LOG", param_hint="SOURCE")
     if source == "zenoh" and options.columns is not None:
         raise typer.BadParameter("messages have no columns: it is for logs that are replayed", param_hint="--columns")
-    on_scale = told.on_scale
+    on_scale = weighed.on_scale
     log = options.log(Path(source.removeprefix(REPLAY))) if source != "zenoh" else None
 
     from stadera.cli.outputs import check_outputs
@@ -61,23 +61,23 @@ def live(
     from stadera.logs.topics import AS_RECORDED
     from stadera.report.live import live_summary
 
-    model = told.model(robot, options.reading.limits)
-    check_outputs((record, told.rrd, told.memory))
-    known = told.remembered(model)
+    model = weighed.model(robot, options.reading.limits)
+    check_outputs((record, weighed.rrd, weighed.memory))
+    known = weighed.remembered(model)
     where = LiveSource(Endpoints(tuple(connect or ()), tuple(listen or ()), config), options.topics, log, rate)
-    with told.watching(model) as watch, written_together([] if record is None else [record]) as drafts:
+    with weighed.watching(model) as watch, written_together([] if record is None else [record]) as drafts:
         reading = options.reading if log is None else AS_RECORDED  # a log is read with it
         session = LiveSession(
-            model, options.topics, told.imu_frame, watch=watch, reading=reading, fix=options.fix, weight=on_scale,
-            tare_after=tare, memory=known, at=told.at,
+            model, options.topics, weighed.imu_frame, watch=watch, reading=reading, fix=options.fix, weight=on_scale,
+            tare_after=tare, memory=known, at=weighed.at,
         )  # fmt: skip
         with _until_stopped() as stop, _shown() as sink:
             last = run(session, where, stop, [sink], drafts[0] if drafts else None)
     show(live_summary(last))
-    if told.memory is not None:
+    if weighed.memory is not None:
         learnt, said = session.remembered()
         if learnt is not None:
-            with written_together([told.memory]) as (draft,):
+            with written_together([weighed.memory]) as (draft,):
                 save_memory(learnt, draft)
         show(said)
 

@@ -30,7 +30,7 @@ def weigh(
         Path | None, option("F.urdf", "Write the weighed model (URDF, MJCF), with the payload as a link.")
     ] = None,
     *,
-    told: RobotOptions,
+    weighed: RobotOptions,
     options: opt.LogOptions,
     files: ResultFiles,
 ) -> None:
@@ -43,7 +43,7 @@ def weigh(
     """
     springs = None if stiffness is None else parse.point(stiffness)
     chosen_tare = None if tare is None else parse.tare(tare)
-    on_scale = told.on_scale
+    on_scale = weighed.on_scale
     test = None if known is None else parse.known(known)
 
     from stadera.lab.truth import read_truth
@@ -52,23 +52,24 @@ def weigh(
     from stadera.weigh.weigh import weigh as weigh_log
 
     check_choice(method, springs)
-    model = told.model(options.robot(robot, log), options.reading.limits)
-    files.check(export, told.memory)
+    model = weighed.model(options.robot(robot, log), options.reading.limits)
+    files.check(export, weighed.memory)
     if export is not None:
         from stadera.robot.export import check_export
 
         check_export(model, export)
-    remembered = told.remembered(model)
+    remembered = weighed.remembered(model)
     true = None if truth is None else read_truth(truth)
-    with told.watching(model) as watch, progress() as bar:
+    with weighed.watching(model) as watch, progress() as bar:
         unloaded = options.log(chosen_tare) if isinstance(chosen_tare, Path) else chosen_tare
         result = weigh_log(
-            model, options.log(log), unloaded, method, imu_frame=told.imu_frame, stiffness=springs, force=told.force,
-            fix=options.fix, progress=bar, watch=watch, weight=on_scale, known=test, memory=remembered, at=told.at,
+            model, options.log(log), unloaded, method, imu_frame=weighed.imu_frame, stiffness=springs,
+            force=weighed.force, fix=options.fix, progress=bar, watch=watch, weight=on_scale, known=test,
+            memory=remembered, at=weighed.at,
         )  # fmt: skip
     files.write(
         (export, result.save_urdf),
-        (told.memory if result.memory else None, lambda draft: save_memory(result.memory, draft)),
+        (weighed.memory if result.memory else None, lambda draft: save_memory(result.memory, draft)),
         values=result.to_dict,
         page=lambda: result.to_html(true),
         latex=result.to_latex,

@@ -7,7 +7,7 @@ from difflib import get_close_matches
 
 from stadera.errors import RecordingError, UnknownNameError, listed
 from stadera.joint_words import matched, places
-from stadera.logs.foreign.translate import hint, translated
+from stadera.logs.foreign.translate import Translation, hint, translated
 from stadera.logs.topics import AS_RECORDED, DESIRED, PdGains, Reading, Topics
 
 TIME = "time"
@@ -90,35 +90,31 @@ def layout(
     table = translated(names, source, reading, topics or Topics(), (*(joints or ()), *reading.others))
     if topics is not None and not table.topics:
         topics.refuse(source, kind)
-    renamed = _by_leg_and_part(table.sources, joints or ())
-    sources = {_renamed(name, renamed): own for name, own in table.sources.items()}
-    header = _Header(sources, source, "" if table.recognised else hint(names, reading))
-    if TIME not in sources and table.rate_hz is None:
+    table = _with_names_of(joints or (), table)
+    header = _Header(table.sources, source, "" if table.recognised else hint(names, reading))
+    if TIME not in table.sources and table.rate_hz is None:
         raise header.missing(TIME, "not a flat table: ")
     wanted, idle = (tuple(joints), ()) if joints is not None else header.joints()
     channels, notes = header.channels(wanted, require, reading.pd)
     imu, imu_notes = header.imu("imu" in require)
-    contact = {foot: f"{foot}.contact" for foot in header.owners(".contact")}
-    found = Layout(wanted, channels, imu, header.forces(), contact)
-    by_name = tuple(f"joints found by leg and part, {old!r} as {new!r}" for old, new in list(renamed.items())[:1])
-    others: dict[str, tuple[str, ...]] = {}
-    other_joints: tuple[str, ...] = ()
-    if joints is not None:
-        other_joints = tuple(j for j in reading.others if j not in wanted and f"{j}.position" in table.sources)
-        columns = {channel: tuple(f"{joint}.{channel}" for joint in other_joints) for channel in OTHER_CHANNELS}
-        others = {channel: names for channel, names in columns.items() if names and set(names) <= set(table.sources)}
-        sources |= {name: table.sources[name] for names in others.values() for name in names}
-    return replace(
-        found,
-        notes=(*table.notes, *by_name, *notes, *idle, *_kept_out(names, found, sources), *imu_notes),
-        sources={name: own for name, own in sources.items() if own != name},
-        factors={_renamed(name, renamed): factor for name, factor in table.factors.items()},
+    others = () if joints is None else tuple(joint for joint in reading.others if joint not in joints)
+    more = tuple(joint for joint in others if f"{joint}.position" in table.sources)
+    found = Layout(
+        joints=wanted,
+        channels=channels,
+        imu=imu,
+        force=header.forces(),
+        contact={foot: f"{foot}.contact" for foot in header.owners(".contact")},
+        sources={name: own for name, own in table.sources.items() if own != name},
+        factors=table.factors,
         stamped=table.stamped,
-        rate_hz=None if TIME in sources else table.rate_hz,
+        rate_hz=None if TIME in table.sources else table.rate_hz,
         pd=reading.pd,
-        others=others,
-        other_joints=other_joints,
+        others=header.complete(more, OTHER_CHANNELS),
+        other_joints=more,
     )
+    kept_out = _kept_out(names, found, table.sources)
+    return replace(found, notes=(*table.notes, *notes, *idle, *kept_out, *imu_notes))
 
 
 def _check_header(names: Sequence[str], source: str) -> None:
@@ -132,17 +128,21 @@ def _check_header(names: Sequence[str], source: str) -> None:
         raise RecordingError(f"{source}: column {name!r} is there {times} times")
 
 
-def _by_leg_and_part(names: Collection[str], joints: Sequence[str]) -> dict[str, str]:
-    """Maps joints of the log with other names to the requested ones: all those of one leg or more, or none."""
-    there = _owners(names, ".position")
+def _with_names_of(joints: Sequence[str], table: Translation) -> Translation:
+    """The columns named as these joints, all those of one leg or more, if the log has other names for them."""
+    there = _owners(table.sources, ".position")
     if len(joints) < _LEG_JOINTS or set(joints) & set(there):
-        return {}
-    return {own: joint for joint, own in (matched(joints, there) or {}).items()}
+        return table
+    names = {own: joint for joint, own in (matched(joints, there) or {}).items()}
+    note = [f"joints found by leg and part, {old!r} as {new!r}" for old, new in list(names.items())[:1]]
 
+    def named(column: str) -> str:
+        joint, _, channel = column.rpartition(".")
+        return f"{names[joint]}.{channel}" if joint in names else column
 
-def _renamed(column: str, joints: Mapping[str, str]) -> str:
-    joint, _, channel = column.rpartition(".")
-    return f"{joints[joint]}.{channel}" if joint in joints else column
+    sources = {named(column): own for column, own in table.sources.items()}
+    factors = {named(column): factor for column, factor in table.factors.items()}
+    return replace(table, sources=sources, factors=factors, notes=(*table.notes, *note))
 
 
 def _kept_out(names: Sequence[str], found: Layout, sources: Mapping[str, str]) -> tuple[str, ...]:
@@ -215,6 +215,11 @@ class _Header:
             elif partial:
                 notes += (f"left out the joints' {channel}: no column {_listed(absent)}",)
         return found, notes
+
+    def complete(self, joints: tuple[str, ...], channels: Iterable[str]) -> dict[str, tuple[str, ...]]:
+        """Columns of the channels that all of these joints have."""
+        columns = {channel: tuple(f"{joint}.{channel}" for joint in joints) for channel in channels}
+        return {channel: own for channel, own in columns.items() if own and set(own) <= self.names.keys()}
 
     def _without_effort(self) -> str:
         """Advice for a log without torques."""

@@ -175,6 +175,19 @@ def reader_of(path: Path) -> Reader:
 
 _PICKLED = (b"\x80\x02", b"\x80\x03", b"\x80\x04", b"\x80\x05")
 _UNSAFE = "a pickle can run any code and is not read; where you trust it, make a table of it in Python: import numpy"
+_REFUSED: dict[str, str] = {
+    "pickle": _UNSAFE + ", pickle; numpy.savez({npz!r}, **pickle.load(open({name!r}, 'rb')))",
+    "objects": _UNSAFE + "; numpy.savez({npz!r}, **numpy.load({name!r}, allow_pickle=True).item())",
+    "torch": _UNSAFE + ", torch; numpy.savez({npz!r}, **{{k: v.numpy() for k, v in torch.load({name!r}, "
+    "weights_only=True).items()}})",
+    "array": "an array without names of columns; give it some in Python: import numpy; a = numpy.load({name!r}); "
+    "numpy.savez({npz!r}, time=a[:, 0], position=a[:, 1:13], joints=['FL_hip_joint', ...])",
+    "matlab": "MATLAB's version 7.3 is not read; save it again in MATLAB: save({mat!r}, ..., '-v7')",
+    "hdf5": "HDF5 is not read; make a table of it in Python: import h5py, numpy; numpy.savez({npz!r}, "
+    "**{{k: v[()] for k, v in h5py.File({name!r}).items()}})",
+    "zip": "a zip archive; unpack it and give the log in it: {inside}",
+}
+"""By kind of file, why it is not read, and the code that converts it."""
 
 
 def _refusal(path: Path) -> str:
@@ -183,33 +196,20 @@ def _refusal(path: Path) -> str:
         return ""
     with path.open("rb") as file:
         head = file.read(128)
-    name, npz = str(path), f"{path.stem}.npz"
-    if head.startswith(_PICKLED) or path.suffix.lower() in (".pkl", ".pickle"):
-        return f"{_UNSAFE}, pickle; numpy.savez({npz!r}, **pickle.load(open({name!r}, 'rb')))"
-    if head.startswith(b"\x93NUMPY") and b"'|O'" in head:
-        return f"{_UNSAFE}; numpy.savez({npz!r}, **numpy.load({name!r}, allow_pickle=True).item())"
-    if head.startswith(b"\x93NUMPY"):
-        return (
-            f"an array without names of columns; give it some in Python: import numpy; a = numpy.load({name!r}); "
-            f"numpy.savez({npz!r}, time=a[:, 0], position=a[:, 1:13], joints=['FL_hip_joint', ...])"
-        )
-    if b"MATLAB 7.3" in head[:16]:
-        return f"MATLAB's version 7.3 is not read; save it again in MATLAB: save({f'{path.stem}_7.mat'!r}, ..., '-v7')"
-    if head.startswith(b"\x89HDF"):
-        return (
-            f"HDF5 is not read; make a table of it in Python: import h5py, numpy; numpy.savez({npz!r}, "
-            f"**{{k: v[()] for k, v in h5py.File({name!r}).items()}})"
-        )
-    if not head.startswith(b"PK") or not zipfile.is_zipfile(path):
-        return ""
-    with zipfile.ZipFile(path) as archive:
-        names = archive.namelist()
-    if any(one.endswith("data.pkl") for one in names):  # PyTorch's
-        return (
-            f"{_UNSAFE}, torch; numpy.savez({npz!r}, **{{k: v.numpy() for k, v in torch.load({name!r}, "
-            "weights_only=True).items()})"
-        )
-    if any(one.endswith(".npy") for one in names):
-        return ""
-    inside = ", ".join(names[:3]) + (" ..." if len(names) > 3 else "")
-    return f"a zip archive; unpack it and give the log in it: {inside or 'it is empty'}"
+    inside: list[str] = []
+    if head.startswith(b"PK") and zipfile.is_zipfile(path):
+        with zipfile.ZipFile(path) as archive:
+            inside = archive.namelist()
+    kinds = {
+        "pickle": head.startswith(_PICKLED) or path.suffix.lower() in (".pkl", ".pickle"),
+        "objects": head.startswith(b"\x93NUMPY") and b"'|O'" in head,
+        "array": head.startswith(b"\x93NUMPY"),
+        "matlab": b"MATLAB 7.3" in head[:16],
+        "hdf5": head.startswith(b"\x89HDF"),
+        "torch": any(name.endswith("data.pkl") for name in inside),
+        "zip": head.startswith(b"PK\x05\x06") or (inside and not any(name.endswith(".npy") for name in inside)),
+    }
+    kind = next((kind for kind, is_it in kinds.items() if is_it), None)
+    said = ", ".join(inside[:3]) + " ..." * (len(inside) > 3) or "it is empty"
+    names = {"name": str(path), "npz": f"{path.stem}.npz", "mat": f"{path.stem}_7.mat", "inside": said}
+    return "" if kind is None else _REFUSED[kind].format(**names)
