@@ -54,14 +54,14 @@ def diagnose(
         UnknownNameError: no such frame.
     """
     limits = limits or CheckLimits()
-    found = [*sensor_findings(recording, limits), *unit_findings(recording, robot, limits)]
-    whole = set(robot.tree.joints) <= set(recording.joints) and len(recording) > 1
+    joints, mount = [j for j in robot.tree.joints if j in recording.joints], _mount(recording, robot, imu_frame)
+    blocks = Instants.of(recording, joints, mount, limits)
+    found = [*sensor_findings(recording, limits), *unit_findings(recording, robot, blocks, limits)]
+    whole = len(joints) == len(robot.tree.joints) and len(recording) > 1
     if not whole or recording.effort is None or any(finding.cause in _BLINDING for finding in found):
         return tuple(found)
     if recording.imu is not None:
         found += orientation_findings(recording.imu, recording.time, limits)
-    mount = _mount(recording, robot, imu_frame)
-    blocks = Instants.of(recording, robot.tree.joints, mount, limits)
     if len(blocks):
         found += _contradictions(Footing(robot, blocks, limits), mount)
     return tuple(_or_other_robot(finding, recording, robot) for finding in found)

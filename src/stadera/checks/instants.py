@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from stadera.checks.limits import CheckLimits
 from stadera.constants import NOTHING
-from stadera.logs.mend import ACCELEROMETER, GYRO, Mend
+from stadera.logs.mend import ACCELEROMETER, GYRO, Mend, upwards
 from stadera.logs.recording import Recording
 from stadera.robot.imu import ImuMount
 from stadera.types import Array
@@ -36,13 +36,19 @@ class Instants:
     # specific_force, angular_velocity: (instants, 3) [m/s², rad/s], trunk axes, means; None without an IMU
     specific_force: Array | None = None
     angular_velocity: Array | None = None
+    # vertical, turning: (instants, 3) [1, 1/s], the world's vertical by the IMU's orientation, mean and slope, in the
+    # same axes; None without one
+    vertical: Array | None = None
+    turning: Array | None = None
 
     def __len__(self) -> int:
         return len(self.time)
 
     @classmethod
     def of(cls, recording: Recording, joints: Sequence[str], mount: ImuMount | None, limits: CheckLimits) -> Instants:
-        """Computes the instants of a recording that has these joints; missing efforts are zero."""
+        """The instants of a recording that has these joints; missing efforts are zero. Without a mount, vectors are in
+        the IMU's own axes.
+        """
         chosen = [recording.index(joint) for joint in joints]
         steps = np.diff(recording.time)
         period = float(np.median(steps)) if len(steps) else limits.instant
@@ -52,29 +58,34 @@ class Instants:
         def cut(values: Array) -> Array:
             return np.asarray(values[: len(values) // n * n].reshape(-1, n, *values.shape[1:])[rows])
 
-        def mean(values: Array | None) -> Array | None:
-            return None if values is None else cut(values).mean(axis=1)
+        def mean(values: Array) -> Array:
+            return np.asarray(cut(values).mean(axis=1))
 
-        def felt(values: Array) -> Array | None:
-            return None if mount is None else mean(mount.in_trunk_axes(values))
+        def slope(values: Array) -> Array:
+            with np.errstate(invalid="ignore", divide="ignore"):
+                return np.asarray((centred * cut(values)).sum(axis=1) / (centred**2).sum(axis=1))
 
         imu, time = recording.imu, cut(recording.time)
         whole = np.ptp(time, axis=1) < limits.whole * n * period
         rows, time = rows[whole], time[whole]
         centred = (time - time.mean(axis=1, keepdims=True))[..., None]
-        with np.errstate(invalid="ignore", divide="ignore"):
-            rate = (centred * cut(recording.position[:, chosen])).sum(axis=1) / (centred**2).sum(axis=1)
         effort = np.zeros_like(recording.position) if recording.effort is None else recording.effort
+        vectors: dict[str, Array] = {}
+        if imu is not None:
+            vectors = {"specific_force": mean(imu.linear_acceleration), "angular_velocity": mean(imu.angular_velocity)}
+            if imu.orientation is not None:
+                up = upwards(imu.orientation)
+                vectors |= {"vertical": mean(up), "turning": slope(up)}
+        turn = np.eye(3) if mount is None else mount.rotation.T
         return cls(
             joints=tuple(joints),
             time=time.mean(axis=1),
             group=_groups(time.mean(axis=1), n * period, limits),
-            position=cut(recording.position[:, chosen]).mean(axis=1),
-            rate=rate,
-            effort=cut(effort[:, chosen]).mean(axis=1),
+            position=mean(recording.position[:, chosen]),
+            rate=slope(recording.position[:, chosen]),
+            effort=mean(effort[:, chosen]),
             velocity=None if recording.velocity is None else mean(recording.velocity[:, chosen]),
-            specific_force=None if imu is None else felt(imu.linear_acceleration),
-            angular_velocity=None if imu is None else felt(imu.angular_velocity),
+            **{name: values @ turn for name, values in vectors.items()},
         )
 
     @property

@@ -6,7 +6,7 @@ fit a Go2's slightly longer legs as well as their own.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from stadera.checks.instants import Instants
 from stadera.checks.limits import CheckLimits
@@ -45,7 +45,8 @@ def likeness(recording: Recording, robot: Robot) -> Likeness | None:
     if recording.effort is None or not set(robot.tree.joints) <= set(recording.joints) or len(recording) < 2:
         return None
     limits = CheckLimits()
-    footing = Footing(robot, Instants.of(recording, robot.tree.joints, None, limits), limits)
+    bare = Instants.of(replace(recording, imu=None), robot.tree.joints, None, limits)
+    footing = Footing(robot, bare, limits)
     return Likeness(robot.name, robot.mass, float(footing.load.sum(axis=1).mean()) * robot.mass)
 
 

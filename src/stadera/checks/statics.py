@@ -17,10 +17,11 @@ from numpy.typing import NDArray
 
 from stadera.body import Motion
 from stadera.checks.limits import CheckLimits
-from stadera.checks.residual import Footing, body_of
+from stadera.checks.residual import Footing, body_of, unit
 from stadera.constants import GRAVITY
 from stadera.robot.model import Robot
 from stadera.robot.stance import standing_configuration
+from stadera.trunk.ground import ground_normal
 from stadera.types import Array
 
 
@@ -48,8 +49,8 @@ class Tilts:
             return cls()
         a = block_means(force, block)[quiet]
         a /= np.linalg.norm(a, axis=1, keepdims=True)
-        feet = block_means(contact.reshape(len(contact), -1), block)[quiet]
-        plane = normal_of(feet.reshape(len(feet), *contact.shape[1:]))
+        feet = block_means(contact.reshape(len(contact), -1), block)[quiet].reshape(-1, *contact.shape[1:])
+        plane = ground_normal(feet, np.ones(feet.shape[:2], dtype=bool), -unit(feet.mean(axis=1)))
         a, plane = (a - a.mean(axis=0))[:, :2], (plane - plane.mean(axis=0))[:, :2]
         both = a.T @ plane  # [i, j]: the IMU's tilt along i with the plane's along j
         scale = 0.5 * float((a**2).sum() + (plane**2).sum()) or 1.0
@@ -94,7 +95,8 @@ class Consistency:
         model = np.cross(robot.inertias[robot.trunk].first_moment, a) + inertial[3:]
         least = 1e-6 if abs(weight) <= 1e-6 else weight
         off = np.cross(up, moment) / least - np.cross(up, model) / (robot.mass * float(a @ up))
-        normal = normal_of(footing.contact.mean(axis=0)) if len(legs) > 2 else None
+        contact = footing.contact.mean(axis=0)
+        normal = ground_normal(contact, np.ones(len(legs), dtype=bool), -contact.mean(axis=0))
         limits = [robot.limits[joint] for joint in robot.tree.joints]
         lower, upper = np.array([(x.lower, x.upper) for x in limits]).T
         beyond = np.maximum(np.maximum(blocks.position - upper, lower - blocks.position), 0.0)
@@ -106,8 +108,8 @@ class Consistency:
             loads=loads,
             sideways=np.linalg.norm(legs - loads[:, None] * up, axis=1),
             force_angle=_angle(total, up),
-            plane_angle=0.0 if normal is None else _angle(normal, up),
-            plane_force_angle=0.0 if normal is None else _angle(normal, total),
+            plane_angle=_angle(normal, up) if len(legs) > 2 else 0.0,
+            plane_force_angle=_angle(normal, total) if len(legs) > 2 else 0.0,
             off_centre=off,
             outside=beyond.mean(axis=0),
             tilts=Tilts.of(footing),
@@ -171,13 +173,6 @@ def _size(robot: Robot) -> float:
     q = standing_configuration(robot)[None]
     feet = body.at(Motion(q, still, still, none, none, none, np.array([0.0, 0.0, 1.0]))).feet[0]
     return max(0.5 * float(np.linalg.norm(np.ptp(feet[:, :2], axis=0))), 0.25 * robot.leg_length)
-
-
-def normal_of(feet: Array) -> Array:
-    """Unit normal (..., 3) of the best plane through feet (..., L, 3), three or more, on the trunk's side."""
-    middle = feet.mean(axis=-2, keepdims=True)
-    normal = np.linalg.svd(feet - middle, full_matrices=False)[2][..., -1, :]
-    return np.asarray(normal * np.where((normal * middle[..., 0, :]).sum(axis=-1, keepdims=True) > 0, -1.0, 1.0))
 
 
 def _angle(a: Array, b: Array) -> float:

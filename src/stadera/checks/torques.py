@@ -36,27 +36,26 @@ nearly constant force and moment, which an offset imitates: the two look alike.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
-from stadera.body import Motion
+from stadera.body import Motion, State
 from stadera.body.friction import direction
 from stadera.checks.hypotheses import Hypothesis, Order, mirrors, torque_orders
 from stadera.checks.limits import CheckLimits
 from stadera.checks.residual import Footing
-from stadera.inertia import skew, skews
+from stadera.inertia import skews
 from stadera.logs.mend import Mend
-from stadera.robot.kinematics import forward_kinematics
-from stadera.robot.model import Robot
 from stadera.trunk.error_model import ErrorModel
 from stadera.trunk.settings import ModelErrors
-from stadera.trunk.wrench import TRUNK_MAP, trunk_signals
+from stadera.trunk.wrench import TRUNK_MAP, trunk_signals, wrench_of_specific_force
 from stadera.types import Array
 
 _ERRORS = ("rotor", "viscous", "coulomb", "offset", "imu_rotation", "accelerometer", "gain", "torque_lag", "encoder")
-"""Errors of `stadera.trunk.error_model`; those from the gain on depend on the torques."""
+"""Errors of `stadera.trunk.error_model`; in the order of C's columns."""
+_STEP = 1e-4  # rad, of the differences by joint positions
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,94 +81,84 @@ class TorqueStep:
 
 @dataclass(frozen=True, eq=False)
 class TrunkRows:
-    """Rows of the trunk at n instants, in units of 1 % of the weight, for L legs of k joints.
-
-    b and the columns of C that depend on the torques are sums over the legs, each linear in the torques τ_m that the
-    leg is given. So the rows of any order of torques are sums of columns of leg l with torques m, and their products
-    follow from those of these columns, summed over the instants once.
-    """
+    """Rows of the trunk at n instants, in units of 1 % of the weight; all but the torques is evaluated once."""
 
     footing: Footing
-    # (6 n, c): b without torques; `fixed` errors that do not depend on the torques; by m, l and joint -E τ; by m and l
-    # E τ̇; and by m, l and displaced joint ∂b/∂q
-    columns: Array
-    fixed: int
+    motion: Motion
+    state: State
+    displaced: list[State]  # with the k-th joints of all legs displaced by `_STEP`
     matrix: Array  # (6 n, 10), A, with θ in units of the robot's mass and leg length
+    by_force: Array  # (6, 3), of the trunk's wrench by the specific force
+    scale: Array  # (6, 1), the unit [N, N·m]
     root: Array  # (p, p), root of the errors' covariance
-    limit: Array  # (L k,) [N·m], limits of the torques
+    limit: Array  # (J,) [N·m], limits of the torques, by leg
 
     @classmethod
     def of(cls, footing: Footing) -> TrunkRows | None:
-        """The rows of a log with an IMU and legs of equally many joints; None of others."""
+        """The rows of a log with an IMU; None of others."""
         robot, b, body, length = footing.robot, footing.blocks, footing.body, footing.robot.leg_length
-        if not b.complete or b.angular_velocity is None or len({len(leg) for leg in body.legs}) > 1:
+        if not b.complete or b.angular_velocity is None:
             return None
-        n, count, legs = len(b), len(body.legs), np.array(body.legs)
-        qd, omega, alpha, a = b.rate, b.angular_velocity, b.slopes(b.angular_velocity), footing.specific_force
-        qdd, torque, rate = b.slopes(qd), b.effort[:, legs], b.slopes(b.effort)[:, legs]
-
-        def at(kind: int | None, step: float) -> tuple[Array, Array]:
-            """E (n, 6, L, k), and b by leg without torques (n, 6, L), with all joints of a kind displaced [rad]."""
-            position = b.position.copy()
-            if kind is not None:
-                position[:, legs[:, kind]] += step
-            motion = Motion(position, qd, qdd, omega, alpha, a, footing.up)
-            state = body.at(motion)
-            wrench = body.by_leg(state, body.left(state, motion, np.zeros_like(qd)))
-            return np.moveaxis(state.to_wrench[:, legs], -1, 1), np.moveaxis(wrench, -1, 1)
-
-        step = 1e-4
-        E, own = at(None, step)
-        slopes = [((e - E) / step, (w - own) / step) for e, w in (at(kind, step) for kind in range(legs.shape[1]))]
-        moment = _first_moment(robot, b.position.mean(axis=0))
-        by_force = np.concatenate([robot.mass * np.eye(3), skew(moment)])
-        fixed = [*(-E * x[:, None, legs] for x in (qdd, qd, direction(qd), np.ones_like(qd)))]
-        fixed += [by_force @ skews(a), np.tile(-by_force, (n, 1, 1))]
-        by_torque = -np.einsum("nclk,nmk->ncmlk", E, torque)
-        late = np.einsum("nclk,nmk->ncml", E, rate)
-        turned = [w[:, :, None] - np.einsum("nclk,nmk->ncml", e, torque) for e, w in slopes]
+        omega, alpha, a = b.angular_velocity, b.slopes(b.angular_velocity), footing.specific_force
+        motion = Motion(b.position, b.rate, b.slopes(b.rate), omega, alpha, a, footing.up)
+        shifts = np.zeros((body.most, len(body.joints)))
+        for leg in body.legs:
+            shifts[range(len(leg)), leg] = _STEP
+        still, rest = np.tile(b.position.mean(axis=0), (3, 1)), np.zeros((3, 3))
+        fed = body.at(Motion(still, 0.0 * still, 0.0 * still, rest, rest, np.eye(3), np.zeros(3)))
+        trunk = robot.inertias[robot.trunk]
         scale = 0.01 * footing.weight * np.array([1.0, 1.0, 1.0, *[length] * 3])[:, None]
-        parts = [own.sum(axis=2), *fixed, by_torque, late, np.stack(turned, axis=-1)]
-        columns = np.concatenate([part.reshape(n, 6, -1) / scale for part in parts], axis=2)
-        A = (TRUNK_MAP @ trunk_signals(a.T, omega.T, alpha.T)).T.reshape(n, 6, 10) / scale
+        A = (TRUNK_MAP @ trunk_signals(a.T, omega.T, alpha.T)).T.reshape(-1, 6, 10) / scale
         size = robot.mass * np.array([1.0, *[0.5 * length] * 3, *[0.5 * length**2] * 6])
         model = ErrorModel(robot, ModelErrors(), length)
         chosen = np.concatenate([np.arange(model.layout.count)[model.layout.places[name]] for name in _ERRORS])
         return cls(
             footing,
-            columns.reshape(6 * n, -1),
-            4 * count * legs.shape[1] + 6,
-            (A * size).reshape(6 * n, 10),
+            motion,
+            body.at(motion),
+            [body.at(motion._replace(position=b.position + shift)) for shift in shifts],
+            (A * size).reshape(-1, 10),
+            wrench_of_specific_force(trunk.mass, trunk.first_moment) + fed.inertial.sum(axis=1).T,
+            scale,
             np.linalg.cholesky(model.covariance[np.ix_(chosen, chosen)]),
             model.limit,
         )
 
-    def chosen(self, order: Sequence[int]) -> Array:
-        """(c, 1 + p): which of the columns make b and C, with p in units of its usual size, of torques in an order."""
-        count, k, first = len(order), len(self.limit) // len(order), 1 + self.fixed
-        legs = count * np.array(order) + np.arange(count)  # places of (m, l)
-        joints, n = (k * legs[:, None] + np.arange(k)).ravel(), count * k
-        late, turned = first + count * n, first + count * n + count**2
-        out = np.zeros((self.columns.shape[1], first + 2 * n + 1))
-        out[np.arange(first), np.arange(first)] = 1.0
-        out[first + joints, 0] = 1.0
-        out[first + joints, first + np.arange(n)] = 1.0
-        out[late + legs, first + n] = 1.0
-        out[turned + joints, first + n + 1 + np.arange(n)] = 1.0
-        out[:, 1:] = out[:, 1:] @ self.root
-        return out
+    def columns(self, order: Order) -> Array:
+        """(6 n, 1 + p): b and C, with p in units of its usual size, of torques in an order."""
+        body, blocks, motion, J = self.footing.body, self.footing.blocks, self.motion, self.footing.body.in_legs
+        taken = np.concatenate([body.legs[leg] for leg in order])
+        torque, rate, q_rate = blocks.effort[:, taken], blocks.slopes(blocks.effort)[:, taken], motion.velocity[:, J]
+        E = np.moveaxis(self.state.to_wrench[:, J], 1, 2)
+        effort = np.zeros_like(blocks.effort)
+        effort[:, J] = torque
+        own, *moved = (body.by_leg(s, body.left(s, motion, effort)) for s in (self.state, *self.displaced))
+        place = np.concatenate([np.arange(len(leg)) for leg in body.legs])
+        by_joint = (np.array(moved)[place, :, body.leg_of[J]] - own[:, body.leg_of[J]].swapaxes(0, 1)) / _STEP
+        terms = motion.acceleration[:, J], q_rate, direction(q_rate), np.ones_like(q_rate)
+        parts = [own.sum(axis=1)[..., None], *(-E * x[:, None] for x in terms)]
+        parts += [self.by_force @ skews(motion.specific_force), np.tile(-self.by_force, (len(E), 1, 1))]
+        parts += [-E * torque[:, None], (E @ rate[..., None]), np.moveaxis(by_joint, 0, 2)]
+        columns = (np.concatenate(parts, axis=2) / self.scale).reshape(6 * len(E), -1)
+        return np.hstack([columns[:, :1], columns[:, 1:] @ self.root])
 
-    def by_second(self, *, pushed: bool = False) -> tuple[Array, Array]:
-        """Products of the columns (seconds, c, c) after θ is eliminated, another one in every second, and numbers of
-        rows less θ's; of at most `motion_instants`. With `pushed` another constant force and moment from outside too.
+    @property
+    def steps(self) -> Array:
+        """(6 n, J), of an offset of each torque by its limit."""
+        steps = -np.moveaxis(self.state.to_wrench[:, self.footing.body.in_legs], 1, 2) * self.limit / self.scale
+        return np.asarray(steps.reshape(-1, len(self.limit)))
+
+    def by_second(self, order: Order, *, pushed: bool = False) -> tuple[Array, Array]:
+        """Products of b and C (seconds, 1 + p, 1 + p) after θ is eliminated, another one in every second, and numbers
+        of rows less θ's; of at most `motion_instants`. With `pushed` a constant force and moment from outside too.
         """
         limits, group, products, counts = self.footing.limits, self.footing.blocks.group, [], []
-        seconds = np.unique(group)
+        seconds, columns = np.unique(group), self.columns(order)
         most = max(limits.motion_instants // limits.second, 1)
         for one in seconds[np.unique(np.linspace(0, len(seconds) - 1, min(most, len(seconds))).astype(np.int64))]:
             at = np.flatnonzero(np.repeat(group == one, 6))
             A, outside = self.matrix[at], 10.0 * np.tile(np.eye(6), (len(at) // 6, 1))
-            products.append(_less(self.columns[at], np.hstack([A, outside]) if pushed else A, limits))
+            products.append(_less(columns[at], np.hstack([A, outside]) if pushed else A, limits))
             counts.append(max(len(at) - A.shape[1] - 6 * pushed, 0))
         return np.array(products), np.array(counts, dtype=float)
 
@@ -179,14 +168,6 @@ def _less(columns: Array, matrix: Array, limits: CheckLimits) -> Array:
     weak = limits.loose * np.eye(matrix.shape[1])
     explained = np.linalg.qr(np.vstack([matrix, weak]))[0][: len(matrix)].T @ columns
     return np.asarray(columns.T @ columns - explained.T @ explained)
-
-
-def _first_moment(robot: Robot, position: Array) -> Array:
-    """Of the whole robot at a position (n,) [rad], (3,) [kg·m], trunk frame."""
-    turns, origins = forward_kinematics(robot.tree, position[None])
-    bodies = [robot.inertias[link] for link in robot.tree.links]
-    poses = zip(bodies, turns[0], origins[0], strict=True)
-    return np.asarray(sum(turn @ body.first_moment + body.mass * origin for body, turn, origin in poses))
 
 
 @dataclass(frozen=True, eq=False)
@@ -220,27 +201,23 @@ def swapped_in_motion(footing: Footing, rows: TrunkRows | None) -> SwappedTorque
     if rows is None or len(footing.blocks) < limits.order_fewest or footing.lively <= limits.lively_share:
         return None
 
-    def fitted(order: Order, products: Array, counts: Array) -> Likelihood:
-        chosen = rows.chosen(order)
-        return Likelihood.of(chosen.T @ products @ chosen, int(counts.sum()), limits.order_repeated)
+    def fitted(products: Array, counts: Array) -> Likelihood:
+        return Likelihood.of(products.sum(axis=0), int(counts.sum()), limits.order_repeated)
 
-    def gain(order: Order, products: Array, counts: Array) -> float:
-        return fitted(own, products, counts).cost - fitted(order, products, counts).cost
-
-    seconds, counts = rows.by_second()
-    whole = seconds.sum(axis=0)
-    recorded = fitted(own, whole, counts).cost
-    found = {order: (fitted(order, whole, counts), what) for order, what in torque_orders(footing.robot, limits.orders)}
-    order = min(found, key=lambda order: found[order][0].cost)
-    fit, best = found[order]
-    most, residual = recorded - fit.cost, 0.01 * np.sqrt(fit.variance / limits.order_repeated)
+    recorded, counts = rows.by_second(own)
+    others = {order: (rows.by_second(order)[0], what) for order, what in torque_orders(footing.robot, limits.orders)}
+    order = min(others, key=lambda order: fitted(others[order][0], counts).cost)
+    seconds, best = others[order]
+    fit = fitted(seconds, counts)
+    most, residual = fitted(recorded, counts).cost - fit.cost, 0.01 * np.sqrt(fit.variance / limits.order_repeated)
     if most <= limits.order_gain or residual > limits.order_fits:
         return None
-    others = ((whole - one, np.delete(counts, k)) for k, one in enumerate(seconds))
-    if min(gain(order, *other) for other in others) <= 0.5 * limits.order_gain:
-        return None
-    pushed, left = rows.by_second(pushed=True)
-    return SwappedTorques(best, most, gain(order, pushed.sum(axis=0), left) > limits.order_certain)
+    for k in range(len(counts)):
+        now, other = (fitted(np.delete(part, k, axis=0), np.delete(counts, k)) for part in (recorded, seconds))
+        if now.cost - other.cost <= 0.5 * limits.order_gain:
+            return None
+    now, other = (fitted(*rows.by_second(each, pushed=True)) for each in (own, order))
+    return SwappedTorques(best, most, now.cost - other.cost > limits.order_certain)
 
 
 def pushing_at_rest(footing: Footing) -> Iterator[str]:
@@ -275,7 +252,7 @@ def torque_step(footing: Footing, rows: TrunkRows | None) -> TorqueStep | None:
     limits, time, spans = footing.limits, footing.blocks.time, [] if rows is None else list(_spans(footing))
     if rows is None or not spans:
         return None
-    recorded = rows.columns @ rows.chosen(range(len(footing.robot.legs)))
+    recorded = rows.columns(tuple(range(len(footing.robot.legs))))
     found = {k: _tested(rows, recorded, *spans[k]) for k in range(0, len(spans), 2)}
     near = max(found, key=lambda k: float(found[k][0].max()))
     found |= {k: _tested(rows, recorded, *spans[k]) for k in (near - 1, near + 1) if 0 <= k < len(spans)}
@@ -310,7 +287,7 @@ def _tested(rows: TrunkRows, recorded: Array, span: slice, at: int) -> tuple[Arr
     and for all joints if the rows fit badly.
     """
     limits, part, n = rows.footing.limits, slice(6 * span.start, 6 * span.stop), len(rows.limit)
-    A, both, offset = rows.matrix[part], recorded[part], rows.columns[part, 1 + 3 * n : 1 + 4 * n] * rows.limit
+    A, both, offset = rows.matrix[part], recorded[part], rows.steps[part]
     after = (np.arange(len(A)) >= 6 * at)[:, None]
     columns, p = np.hstack([both, offset * after]), both.shape[1]
     trunk = np.hstack([A, A[:, :4] * after])

@@ -1,7 +1,6 @@
 """Checks the units of a log's values, by joint limits, gravity and slopes of the positions."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -10,7 +9,7 @@ from stadera.checks.instants import Instants
 from stadera.checks.limits import CheckLimits
 from stadera.constants import GRAVITY
 from stadera.errors import listed
-from stadera.logs.mend import ACCELEROMETER, GYRO, Mend, upwards
+from stadera.logs.mend import ACCELEROMETER, GYRO, Mend
 from stadera.logs.recording import Imu, Recording
 from stadera.robot.model import Leg, Robot
 from stadera.types import Array, Bools
@@ -21,15 +20,19 @@ _RATIOS = {"deg/s": 1.0 / DEGREE, "rpm": 30.0 / np.pi, "rad/ms": 1e-3, "mrad/s":
 _GRAVITIES = {"g": 9.80665, "mg": 9.80665e-3}
 
 
-def unit_findings(recording: Recording, robot: Robot, limits: CheckLimits | None = None) -> tuple[Finding, ...]:
-    """Finds values in other units than SI or with the wrong sign, for any motion."""
+def unit_findings(
+    recording: Recording, robot: Robot, blocks: Instants | None = None, limits: CheckLimits | None = None
+) -> tuple[Finding, ...]:
+    """Finds values in other units than SI or with the wrong sign, for any motion; `blocks` are the recording's instants
+    with all joints that both have, None to compute them.
+    """
     limits = limits or CheckLimits()
+    blocks = blocks or Instants.of(recording, [j for j in robot.tree.joints if j in recording.joints], None, limits)
     found = [*time_findings(recording, limits), *position_findings(recording, robot, limits)]
-    joints = tuple(joint for joint in robot.tree.joints if joint in recording.joints)
-    if not found and joints and len(recording) > 1:
-        found += velocity_findings(Instants.of(recording, joints, None, limits), limits)
+    if not found and blocks.joints and len(recording) > 1:
+        found += velocity_findings(blocks, limits)
     gravity = () if recording.imu is None else tuple(gravity_findings(recording.imu, limits))
-    gyro = () if found or gravity else tuple(gyro_findings(recording, limits))
+    gyro = () if found or gravity else tuple(gyro_findings(blocks, limits))
     return (*found, *gravity, *gyro)
 
 
@@ -183,25 +186,18 @@ def gravity_findings(imu: Imu, limits: CheckLimits) -> Iterator[Finding]:
     yield Finding("imu_gravity", text, option, mend)
 
 
-def gyro_findings(recording: Recording, limits: CheckLimits) -> Iterator[Finding]:
+def gyro_findings(blocks: Instants, limits: CheckLimits) -> Iterator[Finding]:
     """Compares the gyro with the rotation of the IMU's orientation: unit and sign."""
-    imu = recording.imu
-    if imu is None or imu.orientation is None or len(recording) < 2:
+    if not len(blocks) or blocks.turning is None or blocks.vertical is None or blocks.angular_velocity is None:
         return
-
-    def blocks(values: Array) -> Instants:
-        """Instants of vectors (samples, 3), stored in place of joint positions."""
-        bare = replace(recording, joints=tuple("xyz"), position=values, velocity=None, acceleration=None, effort=None)
-        return Instants.of(bare, bare.joints, None, limits)
-
-    up, omega = blocks(upwards(imu.orientation)), blocks(imu.angular_velocity).position
-    turning = -np.cross(omega, up.position)  # of the world's vertical, in the IMU's frame
-    speed = float(np.sqrt((up.rate**2).sum(axis=1).mean())) if len(up) else 0.0
+    turning = -np.cross(blocks.angular_velocity, blocks.vertical)  # of the vertical, in the trunk's axes
+    square = float((blocks.turning**2).sum())
+    speed = np.sqrt(square / len(blocks))
     if not np.isfinite(speed) or speed < limits.turning:
         return
-    both = float((turning * up.rate).sum())
-    slope = both / float((up.rate**2).sum())
-    correlation = both / float(np.sqrt((up.rate**2).sum() * (turning**2).sum()) or 1.0)
+    both = float((turning * blocks.turning).sum())
+    slope = both / square
+    correlation = both / float(np.sqrt(square * (turning**2).sum()) or 1.0)
     if abs(correlation) > limits.correlation and abs(slope * DEGREE - 1.0) < limits.unit_tolerance:
         yield Finding(
             "gyro_unit",
