@@ -1,9 +1,7 @@
 """Clearance of a swinging leg from the trunk, the other legs, itself and the ground, from the model's shapes.
 
 The trunk is held level and the other legs are at rest. Distances between primitive shapes are computed by coal, signed:
-a negative one is the penetration depth. The lowest point of a shape with rotation R and centre p is below p by::
-
-    sphere  r        capsule  r + |R_zz| l/2        cylinder  r √(1 - R_zz²) + |R_zz| l/2        box  Σ_i |R_zi| e_i/2
+a negative one is the penetration depth.
 """
 
 from __future__ import annotations
@@ -85,7 +83,7 @@ class Clearance:
         if self.ground is None:
             return np.full(len(position), np.inf)
         rotations, centres = self._poses(position)
-        below = np.stack([_below(shape, rotations[:, k, 2]) for k, shape in enumerate(self.moving)], axis=1)
+        below = np.stack([shape.reach(rotations[:, k, 2]) for k, shape in enumerate(self.moving)], axis=1)
         lowest: Array = (centres[:, :, 2] - below).min(axis=1)
         return lowest - self.ground
 
@@ -203,8 +201,7 @@ def _standing(robot: Robot, links: list[str]) -> Iterator[Shape]:
     for shape in robot.shapes:
         if shape.link in links:
             k = robot.tree.links.index(shape.link)
-            R, p = rotations[0, k], translations[0, k]
-            yield Shape(shape.link, shape.kind, shape.size, R @ shape.rotation, p + R @ shape.translation)
+            yield shape.moved(shape.link, rotations[0, k], translations[0, k])
 
 
 def _candidates(tree: Tree, moving: tuple[Shape, ...], still: tuple[Shape, ...]) -> Iterator[_Pair]:
@@ -257,17 +254,3 @@ def _enclosing(shape: Shape) -> float:
             return float(np.hypot(shape.size[0], 0.5 * shape.size[1]))
         case "box":
             return 0.5 * float(np.linalg.norm(shape.size))
-
-
-def _below(shape: Shape, up: Array) -> Array:
-    """Extent of a shape below its centre, (samples,) [m]; `up` (samples, 3) is the vertical in its axes."""
-    along = np.abs(up[:, 2])
-    match shape.kind:
-        case "sphere":
-            return np.full(len(up), shape.size[0])
-        case "capsule":
-            return shape.size[0] + 0.5 * shape.size[1] * along
-        case "cylinder":
-            return shape.size[0] * np.sqrt(np.maximum(1.0 - along**2, 0.0)) + 0.5 * shape.size[1] * along
-        case "box":
-            return np.asarray(0.5 * np.abs(up) @ np.array(shape.size))

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stadera.inertia import InertialParameters
+from stadera.robot.kinematics import link_poses
 from stadera.types import Array
 
 if TYPE_CHECKING:
@@ -76,22 +77,6 @@ class ExtraJoints:
 
     def poses(self, position: Array) -> list[tuple[Array, Array]]:
         """Rotation and origin [m] of each link in the trunk frame."""
-        poses: list[tuple[Array, Array]] = []
-        for k, parent in enumerate(self.parents):
-            R, p = (np.eye(3), np.zeros(3)) if parent < 0 else poses[parent]
-            R, p = R @ self.rotations[k], p + R @ self.translations[k]
-            if self.sliding[k]:
-                p = p + R @ self.axes[k] * position[k]
-            else:
-                R = R @ turned_about(self.axes[k], position[k : k + 1])[:, :, 0]
-            poses.append((R, p))
-        return poses
-
-
-def turned_about(axis: Array, angle: Array) -> Array:
-    """Rotations about a unit vector (3,) by angles (n,), (3, 3, n): cos 1 + sin [a]x + (1 - cos) a aᵀ."""
-    x, y, z = axis
-    across = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    c, s = np.cos(angle), np.sin(angle)
-    parts = (np.eye(3)[..., None] * c, across[..., None] * s, np.outer(axis, axis)[..., None] * (1.0 - c))
-    return np.asarray(sum(parts))
+        parents = [parent + 1 for parent in self.parents]
+        R, p = link_poses(parents, self.rotations, self.translations, self.axes, position[None], self.sliding)
+        return list(zip(R[0, 1:], p[0, 1:], strict=True))

@@ -6,13 +6,20 @@ Joint i turns its link by q_i about its unit axis a_i, so with its fixed pose (R
     exp([a]x q) = 1 + sin q [a]x + (1 - cos q) [a]x²                       (Rodrigues)
 """
 
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
 import numpy as np
 from numpy.typing import ArrayLike
 
 from stadera.errors import ModelError
 from stadera.inertia import skew
-from stadera.robot.model import Robot, Tree
 from stadera.types import Array
+
+if TYPE_CHECKING:
+    from stadera.robot.model import Leg, Robot, Tree
 
 
 def forward_kinematics(tree: Tree, q: ArrayLike) -> tuple[Array, Array]:
@@ -22,16 +29,36 @@ def forward_kinematics(tree: Tree, q: ArrayLike) -> tuple[Array, Array]:
     and zero.
     """
     angles = checked_angles(tree, q)
-    samples, n = angles.shape
-    rotations, translations = np.empty((samples, n + 1, 3, 3)), np.empty((samples, n + 1, 3))
-    rotations[:, 0], translations[:, 0] = np.eye(3), 0.0
+    return link_poses(tree.parents, tree.rotations, tree.translations, tree.axes, angles)
+
+
+def link_poses(
+    parents: Sequence[int], rotations: Array, translations: Array, axes: Array, q: Array, slides: Sequence[bool] = ()
+) -> tuple[Array, Array]:
+    """The same of joints given as the arrays of a `Tree`; a joint that slides has its way [m] in q (N, n)."""
+    samples, n = q.shape
+    R, p = np.empty((samples, n + 1, 3, 3)), np.empty((samples, n + 1, 3))
+    R[:, 0], p[:, 0] = np.eye(3), 0.0
+    angles = np.where(slides, 0.0, q) if len(slides) else q
     sine, versine = np.sin(angles)[..., None, None], (1.0 - np.cos(angles))[..., None, None]
-    for i, parent in enumerate(tree.parents):
-        K = skew(tree.axes[i])
-        turned = tree.rotations[i] @ (np.eye(3) + sine[:, i] * K + versine[:, i] * (K @ K))
-        rotations[:, i + 1] = rotations[:, parent] @ turned
-        translations[:, i + 1] = translations[:, parent] + rotations[:, parent] @ tree.translations[i]
-    return rotations, translations
+    for i, parent in enumerate(parents):
+        K = skew(axes[i])
+        R[:, i + 1] = R[:, parent] @ (rotations[i] @ (np.eye(3) + sine[:, i] * K + versine[:, i] * (K @ K)))
+        p[:, i + 1] = p[:, parent] + R[:, parent] @ translations[i]
+        if len(slides) and slides[i]:
+            p[:, i + 1] += R[:, i + 1] @ axes[i] * q[:, i, None]
+    return R, p
+
+
+def leg_kinematics(tree: Tree, leg: Leg, q: Array) -> tuple[Array, Array, Array]:
+    """Of a leg's own tree at angles q (N, n) [rad], trunk axes: rotation of its last link (N, 3, 3), centre of its foot
+    (N, 3) [m], and the derivatives (N, n, 6) of the foot's place, then of the link's rotation.
+    """
+    rotations, translations = forward_kinematics(tree, q)
+    foot = translations[:, -1] + rotations[:, -1] @ np.array(leg.foot_position)
+    axes = (rotations[:, 1:] @ tree.axes[:, :, None])[..., 0]
+    slope = np.concatenate([np.cross(axes, foot[:, None] - translations[:, 1:]), axes], axis=2)
+    return rotations[:, -1], foot, slope
 
 
 def foot_positions(robot: Robot, q: ArrayLike) -> Array:

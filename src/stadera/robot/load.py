@@ -208,14 +208,8 @@ def _frames(model: Any, link_of_joint: Mapping[int, str]) -> dict[str, Frame]:
 
 def _on_moving_links(file: ModelFile, frames: dict[str, Frame]) -> list[Shape]:
     """The file's shapes, each moved from its own link to its moving link."""
-    moved = []
-    for shape in file.shapes:
-        frame = frames.get(shape.link)
-        if frame is not None:
-            rotation = frame.rotation @ shape.rotation
-            translation = frame.rotation @ shape.translation + frame.translation
-            moved.append(replace(shape, link=frame.link, rotation=rotation, translation=translation))
-    return moved
+    there = ((shape, frames[shape.link]) for shape in file.shapes if shape.link in frames)
+    return [shape.moved(frame.link, frame.rotation, frame.translation) for shape, frame in there]
 
 
 def _legs(

@@ -140,6 +140,25 @@ class Shape:
     rotation: Array
     translation: Array
 
+    def reach(self, direction: Array) -> Array:
+        """Distance from its centre to its farthest point along unit vectors (n, 3) in its own axes, (n,) [m]."""
+        along = np.abs(direction)
+        match self.kind:
+            case "sphere":
+                return np.full(len(along), self.size[0])
+            case "capsule":
+                return self.size[0] + 0.5 * self.size[1] * along[:, 2]
+            case "cylinder":
+                across = np.sqrt(np.maximum(1.0 - along[:, 2] ** 2, 0.0))
+                return self.size[0] * across + 0.5 * self.size[1] * along[:, 2]
+            case "box":
+                return np.asarray(0.5 * along @ np.array(self.size))
+
+    def moved(self, link: str, rotation: Array, translation: Array) -> Shape:
+        """The shape on another link, in whose frame its own link's is at that rotation and translation [m]."""
+        place = rotation @ self.translation + translation
+        return replace(self, link=link, rotation=rotation @ self.rotation, translation=place)
+
 
 @dataclass(frozen=True, eq=False)
 class Robot:

@@ -7,7 +7,7 @@ import numpy as np
 
 from stadera.constants import NOTHING
 from stadera.errors import ModelError, require_positive
-from stadera.robot.kinematics import foot_positions, forward_kinematics
+from stadera.robot.kinematics import foot_positions, forward_kinematics, leg_kinematics
 from stadera.robot.model import Leg, Robot, Tree
 from stadera.types import Array
 
@@ -83,30 +83,34 @@ def _raised(robot: Robot, settings: StanceSettings) -> Array:
 
 def _raised_leg(robot: Robot, leg: Leg, height: float, settings: StanceSettings) -> Array | None:
     """Angles (n,) of a leg whose foot is higher by `height` than at zero, a flat one with its sole as there; None if
-    there are none within the limits. Newton's method from a bent leg, each joint towards the middle of its range.
+    there are none within the limits. From a bent leg, each joint towards the middle of its range.
     """
-    tree, low_high = robot.leg_tree(leg.name), np.array([_range(robot, joint) for joint in leg.joints])
-    low, high = low_high.T
-    q, point = np.clip(0.2 * (low + high), low, high), np.array(leg.foot_position)
+    tree, (low, high) = robot.leg_tree(leg.name), np.array([_range(robot, joint) for joint in leg.joints]).T
+    sole, foot, _ = leg_kinematics(tree, leg, np.zeros((1, len(leg.joints))))
+    bent = np.clip(0.2 * (low + high), low, high)[None]
+    (q,), left = reached(tree, leg, bent, foot + height * np.eye(3)[2], sole, settings)
+    return q if ((q >= low) & (q <= high)).all() and left < settings.solved else None
 
-    def foot(angles: Array) -> tuple[Array, Array, Array, Array]:
-        rotations, translations = (values[0] for values in forward_kinematics(tree, angles[None]))
-        axes = (rotations[1:] @ tree.axes[:, :, None])[..., 0]
-        return rotations[-1], translations[-1] + rotations[-1] @ point, axes, translations[1:]
 
-    sole, target, _, _ = foot(np.zeros(len(leg.joints)))
-    target = target + np.array([0.0, 0.0, height])
-    error = np.full(leg.contact, np.inf)
+def reached(
+    tree: Tree, leg: Leg, start: Array, foot: Array, sole: Array, settings: StanceSettings
+) -> tuple[Array, float]:
+    """Angles (N, n) of a leg, by Newton's method from a start, that bring its foot to places (N, 3) [m], trunk axes, a
+    flat one with its link at rotations (N, 3, 3); and the largest error that is left [m, 1].
+    """
+    q, left = start, np.inf
     for _ in range(settings.steps):
-        turned, at, axes, origins = foot(q)
-        apart = turned @ sole.T
-        tilt = 0.5 * np.array([apart[2, 1] - apart[1, 2], apart[0, 2] - apart[2, 0], apart[1, 0] - apart[0, 1]])
-        error = np.concatenate([at - target, tilt])[: leg.contact]
-        slope = np.vstack([np.cross(axes, at - origins).T, axes.T])[: leg.contact]
-        step = np.linalg.pinv(slope, rcond=1e-3) @ error
-        q = q - step * min(1.0, settings.largest_step / max(float(np.abs(step).max()), NOTHING))
-    inside = ((q >= low) & (q <= high)).all()
-    return q if inside and np.abs(error).max() < settings.solved else None
+        turned, at, slope = leg_kinematics(tree, leg, q)
+        apart = turned @ sole.transpose(0, 2, 1)
+        tilt = 0.5 * np.stack([apart[:, k - 1, k - 2] - apart[:, k - 2, k - 1] for k in range(3)], axis=1)
+        error = np.concatenate([at - foot, tilt], axis=1)[:, : leg.contact]
+        left = float(np.abs(error).max())
+        if left < settings.last_step:
+            break
+        step = np.einsum("njc,nc->nj", np.linalg.pinv(slope[..., : leg.contact].swapaxes(1, 2), rcond=1e-3), error)
+        largest = np.maximum(np.abs(step).max(axis=1, keepdims=True), NOTHING)
+        q = q - step * np.minimum(1.0, settings.largest_step / largest)
+    return q, left
 
 
 def _hips(robot: Robot) -> Array:
@@ -156,11 +160,8 @@ def _solve_leg(robot: Robot, leg: Leg, ground: float, settings: StanceSettings) 
 
 def _error(tree: Tree, leg: Leg, q: Array, ground: float) -> tuple[Array, Array]:
     """Residual of a stance (N, 3), [foot x - HFE x, HFE axis z, foot z - ground], and its derivative (N, 3, 3)."""
-    rotations, translations = forward_kinematics(tree, q)
-    origins = translations[:, 1:]
-    foot = translations[:, 3] + rotations[:, 3] @ np.array(leg.foot_position)
-    axes = (rotations[:, 1:] @ tree.axes[:, :, None])[..., 0]
-    motion = np.cross(axes, foot[:, None] - origins)  # (N, joint, xyz)
+    origins, (_, foot, motion) = forward_kinematics(tree, q)[1][:, 1:], leg_kinematics(tree, leg, q)
+    axes = motion[..., 3:]
     error = np.column_stack([foot[:, 0] - origins[:, 1, 0], axes[:, 1, 2], foot[:, 2] - ground])
     slope = np.zeros((len(q), 3, 3))
     slope[:, 0], slope[:, 2] = motion[..., 0], motion[..., 2]

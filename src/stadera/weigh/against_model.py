@@ -18,7 +18,7 @@ import numpy as np
 from stadera.errors import require_positive
 from stadera.inertia import InertialParameters
 from stadera.robot.kinematics import foot_positions
-from stadera.robot.model import Robot, Shape
+from stadera.robot.model import Robot
 from stadera.trunk.load import Payload
 from stadera.trunk.samples import Samples
 from stadera.trust import Verdict
@@ -175,23 +175,8 @@ def lying(robot: Robot, position: Array, up: Array) -> Array:
     """
     # share of the leg's length; shapes of trunks are coarse, and robots crouch to half of their legs' length
     low = 0.1
-    lowest = np.min([_lowest(shape, up) for shape in robot.shapes if shape.link == robot.trunk], axis=0)
+    own = [shape for shape in robot.shapes if shape.link == robot.trunk]
+    lowest = np.min([up @ shape.translation - shape.reach(up @ shape.rotation) for shape in own], axis=0)
     feet = np.einsum("nli,ni->nl", foot_positions(robot, position), up)
     ground = (feet - np.array([leg.foot_radius for leg in robot.legs])).min(axis=1)
     return np.asarray(lowest - ground < low * robot.leg_length)
-
-
-def _lowest(shape: Shape, up: Array) -> Array:
-    """Least height (n,) [m] of a shape's points along unit vectors (n, 3), in its link's frame."""
-    along = up @ shape.rotation
-    match shape.kind:
-        case "box":
-            reach = 0.5 * np.abs(along) @ np.array(shape.size)
-        case "sphere":
-            reach = np.full(len(up), shape.size[0])
-        case "capsule":
-            reach = shape.size[0] + 0.5 * shape.size[1] * np.abs(along[:, 2])
-        case "cylinder":
-            across = np.sqrt(np.maximum(1.0 - along[:, 2] ** 2, 0.0))
-            reach = shape.size[0] * across + 0.5 * shape.size[1] * np.abs(along[:, 2])
-    return np.asarray(up @ shape.translation - reach)

@@ -24,16 +24,16 @@ from stadera.constants import GRAVITY
 from stadera.errors import IdentificationError
 from stadera.excite.sinusoids import Sinusoids
 from stadera.inertia import InertialParameters
-from stadera.robot.kinematics import forward_kinematics
-from stadera.robot.model import Leg, Robot
-from stadera.robot.stance import standing_configuration
+from stadera.robot.kinematics import leg_kinematics
+from stadera.robot.model import Robot
+from stadera.robot.stance import StanceSettings, reached, standing_configuration
 from stadera.trunk.wrench import TRUNK_MAP, trunk_signals
 from stadera.types import Array
 
 AXES = ("roll", "pitch", "yaw", "x", "y", "z")
 """Coordinates of the trunk's motion [rad, m], in this order."""
 
-_STEPS, _SOLVED = 12, 1e-7  # of Newton's method [1; m and rad]
+_SOLVED = 1e-7  # error of a foot that stays where it is [m, 1]
 _EVERY = 4  # samples between two at which the joints are solved for; a spline gives those between
 
 
@@ -122,28 +122,12 @@ class Planted:
 
 def _joints(robot: Robot, turn: Array, shift: Array) -> Array:
     """Joint angles (N, n) that keep the feet where they are in the stance, for poses (N, 3, 3) and (N, 3) [m]."""
-    out = np.tile(standing_configuration(robot), (len(turn), 1))
+    out, settings = np.tile(standing_configuration(robot), (len(turn), 1)), StanceSettings()
     for leg in robot.legs:
-        own = [robot.tree.joints.index(joint) for joint in leg.joints]
-        out[:, own] = _leg(robot, leg, out[0, own], turn, shift)
+        tree, own = robot.leg_tree(leg.name), [robot.tree.joints.index(joint) for joint in leg.joints]
+        sole, foot, _ = leg_kinematics(tree, leg, out[:1, own])
+        foot = np.einsum("nji,nj->ni", turn, foot - shift)
+        out[:, own], left = reached(tree, leg, out[:, own], foot, turn.transpose(0, 2, 1) @ sole, settings)
+        if left > _SOLVED:
+            raise IdentificationError(f"{leg.name} of {robot.name} cannot keep its foot in place: {left:.2g} m away")
     return out
-
-
-def _leg(robot: Robot, leg: Leg, start: Array, turn: Array, shift: Array) -> Array:
-    tree, point = robot.leg_tree(leg.name), np.array(leg.foot_position)
-    rotations, translations = forward_kinematics(tree, start[None])
-    sole = turn.transpose(0, 2, 1) @ rotations[0, -1]
-    foot = np.einsum("nji,nj->ni", turn, translations[0, -1] + rotations[0, -1] @ point - shift)
-    q, missing = np.tile(start, (len(turn), 1)), np.inf
-    for _ in range(_STEPS):
-        rotations, translations = forward_kinematics(tree, q)
-        at = translations[:, -1] + rotations[:, -1] @ point
-        axes = (rotations[:, 1:] @ tree.axes[:, :, None])[..., 0]
-        apart = Rotation.from_matrix(rotations[:, -1] @ sole.transpose(0, 2, 1)).as_rotvec()
-        error = np.concatenate([at - foot, apart], axis=1)[:, : leg.contact]
-        slope = np.concatenate([np.cross(axes, at[:, None] - translations[:, 1:]), axes], axis=2)
-        q = q - np.einsum("njc,nc->nj", np.linalg.pinv(slope[:, :, : leg.contact]).transpose(0, 2, 1), error)
-        missing = float(np.abs(error).max())
-        if missing < _SOLVED:
-            return np.asarray(q)
-    raise IdentificationError(f"{leg.name} of {robot.name} cannot keep its foot in place: {missing:.2g} m away")
