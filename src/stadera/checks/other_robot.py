@@ -11,9 +11,9 @@ from dataclasses import dataclass, replace
 from stadera.checks.instants import Instants
 from stadera.checks.limits import CheckLimits
 from stadera.checks.residual import Footing
-from stadera.errors import StaderaError, require_positive
+from stadera.errors import require_positive
 from stadera.logs.recording import Recording
-from stadera.robot import CATALOG, load_robot
+from stadera.robot.load import known_robots
 from stadera.robot.model import Robot
 
 
@@ -73,10 +73,5 @@ def other_robots(robot: Robot, mass: float, loaded: bool) -> tuple[str, ...]:
 
 def _kin(robot: Robot) -> Iterator[Robot]:
     """The other robots known by name that have the same joints."""
-    for name in CATALOG:
-        try:
-            other = load_robot(name)
-        except StaderaError:  # not installed
-            continue
-        if other.name != robot.name and set(other.tree.joints) == set(robot.tree.joints):
-            yield other
+    own = set(robot.tree.joints)
+    return (other for other in known_robots() if other.name != robot.name and set(other.tree.joints) == own)

@@ -4,13 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import combinations_with_replacement
+from math import isfinite
 
 import numpy as np
 
-from stadera.robot.model import JointDynamics, JointLimits, Robot
+from stadera.robot.model import Robot
 
 SAME = 1e-6
 """Relative difference below which two values are the same: a file's rounding."""
+
+_LEAST = 1e-3  # size that a smaller value's rounding is a share of, in the value's unit
+_DYNAMICS = {"armature": "kg·m²", "viscous": "N·m·s/rad", "coulomb": "N·m"}
+_LIMITS = {"lower": "rad", "upper": "rad", "velocity": "rad/s", "effort": "N·m"}
 
 
 @dataclass(frozen=True)
@@ -25,40 +31,34 @@ class Difference:
 
 def differences(first: Robot, second: Robot) -> Iterator[Difference]:
     """Where two models differ: what one lacks, then values, link by link and joint by joint."""
-    links = dict.fromkeys((*first.tree.links, *second.tree.links))
-    for link in links:
-        one, other = first.inertias.get(link), second.inertias.get(link)
-        if one is None or other is None:
-            a, b = (None if body is None else body.mass for body in (one, other))
-            yield Difference(link, "mass [kg]", a, b)
+    one, other = _values(first), _values(second)
+    for of in dict.fromkeys((*one, *other)):
+        if of not in one or of not in other:
+            name, (value, _) = next(iter((one.get(of) or other[of]).items()))
+            yield Difference(of, name, *((value, None) if of in one else (None, value)))
             continue
-        size = max(one.mass, other.mass)
-        yield from _apart(link, ("mass [kg]",), [one.mass], [other.mass], SAME * size)
-        if size > 0.0:
-            length = max(1e-3, float(np.linalg.norm(one.com)), float(np.linalg.norm(other.com)))
-            yield from _apart(link, tuple(f"centre {axis} [m]" for axis in "xyz"), one.com, other.com, SAME * length)
-            pairs = [(i, j) for i in range(3) for j in range(i, 3)]
-            names = tuple(f"I{'xyz'[i]}{'xyz'[j]} about the centre [kg·m²]" for i, j in pairs)
-            tensor, apart = ([body.inertia_com[pair] for pair in pairs] for body in (one, other))
-            yield from _apart(link, names, tensor, apart, SAME * float(np.abs([tensor, apart]).max()))
-    for joint in dict.fromkeys((*first.tree.joints, *second.tree.joints)):
-        for kind, units in ((JointDynamics, _DYNAMICS), (JointLimits, _LIMITS)):
-            tables = [robot.dynamics if kind is JointDynamics else robot.limits for robot in (first, second)]
-            if any(joint not in table for table in tables):
-                if kind is JointDynamics:
-                    there = [float(joint in table) for table in tables]
-                    yield Difference(joint, "in the tree [0 or 1]", there[0], there[1])
-                continue
-            values = np.array([[getattr(table[joint], name) for name in units] for table in tables], dtype=float)
-            least = SAME * float(np.abs(values[np.isfinite(values)]).max(initial=0.0))
-            yield from _apart(joint, tuple(f"{n} [{u}]" for n, u in units.items()), values[0], values[1], least)
+        for name in (name for name in one[of] if name in other[of]):
+            (a, size), (b, most) = one[of][name], other[of][name]
+            if a != b and not abs(a - b) <= SAME * max(size, most):
+                yield Difference(of, name, a, b)
 
 
-_DYNAMICS = {"armature": "kg·m²", "viscous": "N·m·s/rad", "coulomb": "N·m"}
-_LIMITS = {"lower": "rad", "upper": "rad", "velocity": "rad/s", "effort": "N·m"}
-
-
-def _apart(of: str, names: tuple[str, ...], first: object, second: object, least: float) -> Iterator[Difference]:
-    for name, one, other in zip(names, np.asarray(first, float), np.asarray(second, float), strict=True):
-        if one != other and not abs(one - other) <= least:
-            yield Difference(of, name, float(one), float(other))
+def _values(robot: Robot) -> dict[str, dict[str, tuple[float, float]]]:
+    """By link and joint, each value by its name with its unit, and the size that its rounding is a share of."""
+    found: dict[str, dict[str, tuple[float, float]]] = {}
+    for link in robot.tree.links:
+        body, tensor = robot.inertias[link], robot.inertias[link].inertia_com
+        length, largest = float(np.linalg.norm(body.com)), float(np.abs(tensor).max())
+        found[link] = {"mass [kg]": (body.mass, body.mass)}
+        found[link] |= {
+            f"centre {a} [m]": (float(x), max(length, _LEAST)) for a, x in zip("xyz", body.com, strict=True)
+        }
+        for i, j in combinations_with_replacement(range(3), 2):
+            found[link][f"I{'xyz'[i]}{'xyz'[j]} about the centre [kg·m²]"] = float(tensor[i, j]), largest
+    for joint in robot.tree.joints:
+        found[joint] = {"in the tree [0 or 1]": (1.0, 1.0)}
+        for values, units in ((robot.dynamics[joint], _DYNAMICS), (robot.limits[joint], _LIMITS)):
+            for name, unit in units.items():
+                value = float(getattr(values, name))
+                found[joint][f"{name} [{unit}]"] = value, max(abs(value), _LEAST) if isfinite(value) else 0.0
+    return found

@@ -1,6 +1,7 @@
 """Loads a robot by name from the catalogue, or from a URDF or MJCF file; tells by its joints whose a log is."""
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import replace
 from os import PathLike
 from pathlib import Path
@@ -269,19 +270,20 @@ def _dynamics(model: Any, name: str) -> JointDynamics:
     return JointDynamics(armature=float(armature), viscous=float(damping), coulomb=float(coulomb))
 
 
-def fitting(joints: Collection[str], progress: Progress | None = None) -> dict[str, tuple[str, ...]]:
-    """Robots known by name, of those installed, of which all joints of one leg or more are there, with these legs."""
-    found = {}
+def known_robots(progress: Progress | None = None) -> Iterator[Robot]:
+    """The robots known by name, of those installed."""
     for k, name in enumerate(CATALOG):
         if progress:
             progress("comparing with known robots", k, len(CATALOG))
-        try:
-            robot = load_robot(name)
-        except StaderaError:  # not installed
-            continue
-        if legs := tuple(leg.name for leg in robot.legs if set(leg.joints) <= set(joints)):
-            found[name] = legs
-    return found
+        with suppress(StaderaError):  # not installed
+            yield load_robot(name)
+
+
+def fitting(joints: Collection[str], progress: Progress | None = None) -> dict[str, tuple[str, ...]]:
+    """Robots known by name, of those installed, of which all joints of one leg or more are there, with these legs."""
+    own, there = known_robots(progress), set(joints)
+    legs = {robot.name: tuple(leg.name for leg in robot.legs if set(leg.joints) <= there) for robot in own}
+    return {name: found for name, found in legs.items() if found}
 
 
 def guessed(joints: Collection[str], source: str, progress: Progress | None = None) -> str:
