@@ -11,13 +11,13 @@ import pytest
 from stadera.errors import StaderaError
 from stadera.excite.design import ExciteSettings
 from stadera.excite.optimise import FourierSearch
-from stadera.excite.paper_draw import DrawSettings
 from stadera.fleet.departures import ScatterSettings
 from stadera.identify.log import SpikeSettings
 from stadera.identify.observability import VerdictLimits
 from stadera.identify.settings import LagSettings, SignalSettings, TrustSettings
 from stadera.identify.solutions import SolverSettings
 from stadera.lab.laws.mass import MassSettings
+from stadera.lab.laws.paper_draw import DrawSettings
 from stadera.lab.laws.static_poses import Reach
 from stadera.live.settings import LiveSettings
 from stadera.logs.bags.container import BagSettings

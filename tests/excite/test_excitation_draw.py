@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from stadera.errors import IdentificationError, UnknownNameError
 from stadera.excite.bounds import LegBounds, Margins
-from stadera.excite.paper_draw import gravity_shifting_poses, paper_draw
 from stadera.excite.sinusoids import Sinusoids
+from stadera.lab.laws.paper_draw import gravity_shifting_poses, paper_draw
 from stadera.lab.pinocchio import pinocchio_model
 from stadera.robot import Robot, load_robot
 

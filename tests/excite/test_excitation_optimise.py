@@ -13,8 +13,8 @@ from stadera.excite.bounds import LegBounds, Margins
 from stadera.excite.design import Excitation, ExciteSettings, excite, motion_table
 from stadera.excite.fourier import FourierSeries
 from stadera.excite.optimise import FourierSearch, optimal_excitation
-from stadera.excite.paper_draw import paper_draw
 from stadera.excite.worth import LegExperiment
+from stadera.lab.laws.paper_draw import paper_draw
 from stadera.logs import read, write_table
 from stadera.robot import Robot, load_robot
 from stadera.robot.stance import standing_configuration

@@ -10,8 +10,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from stadera.body import FrictionModel, JointMotion, JointTorqueRegressor
+from stadera.constants import ROUNDING
 from stadera.errors import IdentificationError
 from stadera.excite.clearance import Clearance, ClearanceMap
+from stadera.excite.sinusoids import Sinusoids
 from stadera.robot.model import JointLimits, Robot
 from stadera.robot.stance import standing_configuration
 from stadera.types import Array
@@ -134,3 +136,26 @@ def _check_within(joints: Sequence[str], pose: Array, limits: Sequence[JointLimi
                 f"rest pose of joint {joint!r}, {angle:.4g} rad, lies outside its limits "
                 f"{limit.lower:.4g} to {limit.upper:.4g} rad"
             )
+
+
+def fitting_factor(motion: Sinusoids, bounds: LegBounds, step: float = 0.99, rate: float = 100.0) -> float:
+    """Factor by which the motion must be scaled towards the rest pose to satisfy the bounds, 1 if it does: the first
+    power of `step` that fits at samples of `rate` [Hz].
+
+    Raises:
+        IdentificationError: the rest pose itself violates the bounds.
+    """
+    factor = 1.0
+    while not _fits(motion.drawn_in(factor), bounds, rate):
+        factor *= step
+        if factor < 0.01:
+            raise IdentificationError(f"leg {bounds.leg}: the rest pose itself is out of bounds")
+    return factor
+
+
+def _fits(motion: Sinusoids, bounds: LegBounds, rate: float) -> bool:
+    """True if the motion satisfies the bounds. The cheapest tests come first."""
+    samples = motion.sample(rate).motion
+    if bounds.excess(samples) > ROUNDING:
+        return False
+    return all(bounds.clearance.slack(samples.position[::every]).min() >= -ROUNDING for every in (20, 2))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from os import PathLike
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,15 +13,17 @@ from stadera.body import FrictionModel, JointMotion
 from stadera.errors import IdentificationError, positive, require_positive
 from stadera.excite.bounds import LegBounds, Margins
 from stadera.excite.optimise import FourierSearch, optimal_excitation
-from stadera.excite.paper_draw import DrawSettings, check_duration, paper_draw
 from stadera.excite.result import Appraisal, Excitation, Peaks
-from stadera.excite.sinusoids import Reference, Sinusoids
+from stadera.excite.sinusoids import Reference, Sinusoids, check_duration
 from stadera.excite.worth import LegExperiment
 from stadera.identify.observability import gradients_of
 from stadera.logs import Recording
 from stadera.robot.load import load_robot
 from stadera.robot.model import Robot
 from stadera.robot.stance import standing_configuration
+
+if TYPE_CHECKING:
+    from stadera.lab.laws.paper_draw import DrawSettings
 
 
 @dataclass(frozen=True)
@@ -36,7 +39,7 @@ class ExciteSettings:
         margins: distances from the leg's limits.
         stand_height: height of the trunk's origin above level ground [m], None for no ground.
         search: settings of the optimisation.
-        draw: settings of the paper's draws that the paper does not state.
+        draw: settings of the paper's draws that the paper does not state; None for the defaults.
         noise: standard deviation of a torque sample, as a share of the joint's effort limit [1]: that of the paper's
             test-bed.
         noise_of_gravity: the same as a share of the largest gravity torque, if the model states no limit [1]. Assumed.
@@ -54,7 +57,7 @@ class ExciteSettings:
     margins: Margins = field(default_factory=Margins)
     stand_height: float | None = None
     search: FourierSearch = field(default_factory=FourierSearch)
-    draw: DrawSettings = field(default_factory=DrawSettings)
+    draw: DrawSettings | None = None
     noise: float = 0.0033
     noise_of_gravity: float = 0.02
     look_rate: float = 100.0
@@ -88,6 +91,8 @@ def excite(
         ModelError: the model file cannot be read, or the robot has no nominal stance.
         IdentificationError: the leg has no room to move, or is too close to the ground.
     """
+    from stadera.lab.laws.paper_draw import paper_draw
+
     robot, settings = load_robot(robot), settings or ExciteSettings()
     report = progress or (lambda what, done, total: None)
     ground = None if settings.stand_height is None else -settings.stand_height

@@ -24,10 +24,10 @@ from scipy.optimize import minimize
 
 from stadera.body import JointMotion
 from stadera.errors import IdentificationError, positive, require_positive
+from stadera.excite.bounds import fitting_factor
 from stadera.excite.clearance import ClearanceMap
 from stadera.excite.fourier import FourierSeries
-from stadera.excite.paper_draw import FREQUENCIES, check_duration, fitting_factor
-from stadera.excite.sinusoids import Sinusoids
+from stadera.excite.sinusoids import FREQUENCIES, Sinusoids, check_duration
 from stadera.excite.worth import LegExperiment
 from stadera.types import Array
 

@@ -27,6 +27,9 @@ from stadera.body.torques import JointMotion
 from stadera.errors import IdentificationError, positive
 from stadera.types import Array
 
+FREQUENCIES = (0.3, 0.9)
+"""The paper's band [Hz]: faster motion excites structural vibrations, which are not modelled."""
+
 
 @dataclass(frozen=True, eq=False)
 class Reference:
@@ -148,3 +151,9 @@ def _blend(x: Array) -> tuple[Array, Array, Array]:
     x = np.clip(x, 0.0, 1.0)
     value = x**3 * (10.0 + x * (6.0 * x - 15.0))
     return value, 30.0 * x**2 * (1.0 - x) ** 2, 60.0 * x * (1.0 - x) * (1.0 - 2.0 * x)
+
+
+def check_duration(duration: float, shortest: float = 2.0) -> None:
+    """Raises IdentificationError if the duration is too short for any motion: less than `shortest` [s]."""
+    if not (np.isfinite(duration) and duration >= shortest):
+        raise IdentificationError(f"an excitation lasts at least {shortest:g} s, got {duration} s")

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from stadera.errors import IdentificationError, UnknownNameError
-from stadera.excite.paper_draw import paper_draw
 from stadera.identify.legs import identify
 from stadera.identify.settings import IdentifySettings
+from stadera.lab.laws.paper_draw import paper_draw
 from stadera.lab.scenarios.run import simulate
 from stadera.lab.scenarios.settings import SimulateSettings
 from stadera.lab.scenarios.swing import swing

@@ -16,7 +16,6 @@ import numpy as np
 
 from stadera.body import FrictionModel
 from stadera.errors import IdentificationError, StaderaError
-from stadera.excite.paper_draw import paper_draw
 from stadera.excite.sinusoids import Sinusoids
 from stadera.identify.legs import identify
 from stadera.identify.prior import PriorWidth, positive_definite
@@ -24,6 +23,7 @@ from stadera.identify.result import MODELS, Identification, LegIdentification, T
 from stadera.identify.settings import IdentifySettings
 from stadera.lab.experiments.result import CaseValues, ExperimentResult, Record
 from stadera.lab.experiments.runner import Paper, ReproduceSettings
+from stadera.lab.laws.paper_draw import paper_draw
 from stadera.lab.plant import STANDARD, Gains, measured, perturbed, perturbed_physical, simulate_leg
 from stadera.logs import Recording
 from stadera.logs.recording import concatenate

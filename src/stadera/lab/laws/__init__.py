@@ -1,1 +1,1 @@
-"""The paper's online laws (b) and (c), its mass of a robot at rest, and its routine of static poses, as baselines."""
+"""The paper's baselines: online laws (b) and (c), mass at rest, routine of static poses, random excitation of a leg."""

@@ -12,9 +12,9 @@ from dataclasses import replace
 import numpy as np
 
 from stadera.errors import IdentificationError
-from stadera.excite.bounds import LegBounds
-from stadera.excite.paper_draw import fitting_factor, paper_draw
+from stadera.excite.bounds import LegBounds, fitting_factor
 from stadera.excite.sinusoids import Sinusoids
+from stadera.lab.laws.paper_draw import paper_draw
 from stadera.lab.plant import Gains, measured, plant_model, simulate_leg
 from stadera.lab.plant.friction import VaryingFriction
 from stadera.lab.reality import TrueMotion, drawn, measured_log

@@ -17,16 +17,12 @@ from itertools import product
 
 import numpy as np
 
-from stadera.constants import ROUNDING
 from stadera.errors import IdentificationError, require_positive
-from stadera.excite.bounds import LegBounds
+from stadera.excite.bounds import LegBounds, fitting_factor
 from stadera.excite.clearance import poses_between
-from stadera.excite.sinusoids import Sinusoids
+from stadera.excite.sinusoids import FREQUENCIES, Sinusoids, check_duration
 from stadera.robot.model import Robot
 from stadera.types import Array, Bools
-
-FREQUENCIES = (0.3, 0.9)
-"""The paper's band [Hz]."""
 
 _AMPLITUDE_SHARES = np.array([0.25, 0.20, 0.40]) / np.deg2rad([95.0, 120.0, 120.0])
 
@@ -104,32 +100,3 @@ def _most_clear(poses: Array, room: Array, bounds: LegBounds, least: int) -> Boo
     for about in product((-1.0, 0.0, 1.0), repeat=len(room)):
         slack = np.minimum(slack, bounds.clearance_map.slack(poses + np.array(about) * room))
     return np.asarray(slack >= min(0.0, np.sort(slack)[-min(least, len(slack))]))
-
-
-def fitting_factor(motion: Sinusoids, bounds: LegBounds, step: float = 0.99, rate: float = 100.0) -> float:
-    """Factor by which the motion must be scaled towards the rest pose to satisfy the bounds, 1 if it does: the first
-    power of `step` that fits at samples of `rate` [Hz].
-
-    Raises:
-        IdentificationError: the rest pose itself violates the bounds.
-    """
-    factor = 1.0
-    while not _fits(motion.drawn_in(factor), bounds, rate):
-        factor *= step
-        if factor < 0.01:
-            raise IdentificationError(f"leg {bounds.leg}: the rest pose itself is out of bounds")
-    return factor
-
-
-def _fits(motion: Sinusoids, bounds: LegBounds, rate: float) -> bool:
-    """True if the motion satisfies the bounds. The cheapest tests come first."""
-    samples = motion.sample(rate).motion
-    if bounds.excess(samples) > ROUNDING:
-        return False
-    return all(bounds.clearance.slack(samples.position[::every]).min() >= -ROUNDING for every in (20, 2))
-
-
-def check_duration(duration: float, shortest: float = 2.0) -> None:
-    """Raises IdentificationError if the duration is too short for any motion: less than `shortest` [s]."""
-    if not (np.isfinite(duration) and duration >= shortest):
-        raise IdentificationError(f"an excitation lasts at least {shortest:g} s, got {duration} s")
