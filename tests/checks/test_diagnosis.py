@@ -13,7 +13,6 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from stadera.checks import CheckLimits
-from stadera.checks.hypotheses import hypotheses_in_motion
 from stadera.checks.instants import Instants
 from stadera.checks.residual import Footing, Gain
 from stadera.checks.statics import Consistency
@@ -137,22 +136,6 @@ def wild_blocks(robot: Robot, group: list[int]) -> Instants:
     force, omega = np.array([0.3, -0.2, 9.8]) + 1e-3 * rng.normal(size=(n, 3)), rng.normal(size=(n, 3))
     time, joints = 0.04 * np.arange(n), robot.tree.joints
     return Instants(joints, time, np.array(group), q, rate, 20.0 * effort, None, force, omega)
-
-
-def test_hypotheses_share_what_they_do_not_change() -> None:
-    """What is kept of other hypotheses gives the same forces and costs as legs computed anew."""
-    robot, limits = load_robot("go2"), CheckLimits()
-    footing = Footing(robot, wild_blocks(robot, [0] * 25 + [1] * 25), limits)
-    found, recent = list(hypotheses_in_motion(robot, limits.orders)), (footing, footing)
-    for hypothesis in found:
-        shared = footing.after(hypothesis.undo, *recent)
-        alone = Footing(robot, shared.blocks, limits)
-        np.testing.assert_array_equal(shared.force, alone.force)
-        np.testing.assert_array_equal(shared.sliding, alone.sliding)
-        np.testing.assert_array_equal(shared.unbalance, alone.unbalance)
-        recent = shared, recent[0]
-    computed = sum(footing.after(one.undo).known is None for one in found)
-    assert computed < len(found)
 
 
 @pytest.mark.parametrize("fits", [True, False])

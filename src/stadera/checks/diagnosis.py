@@ -138,10 +138,9 @@ def explained_by_motion(footing: Footing) -> list[tuple[Hypothesis, Gain, Footin
     least = limits.gain if footing.lively > limits.lively_share else limits.gain_at_rest
     if most < least * used:  # nothing is left to gain
         return []
-    fitting, recent = [], (footing, footing)
+    fitting = []
     for one in hypotheses_in_motion(footing.robot, limits.orders):
-        needed, without = least * limits.rare if one.rare else least, footing.after(one.undo, *recent)
-        recent = without, recent[0]
+        needed, without = least * limits.rare if one.rare else least, footing.after(one.undo)
         if most - float(np.nansum(without.unbalance)) < needed * used:  # as feet that do not slide at all
             continue
         gain = Gain.of(footing, without)
@@ -167,7 +166,7 @@ def _late_imu(footing: Footing) -> tuple[float, Gain] | None:
 
 
 def _in_motion(footing: Footing, mount: ImuMount | None) -> Iterator[Finding]:
-    few = replace(footing, blocks=footing.blocks.thinned(footing.limits.motion_instants, footing.limits), known=None)
+    few = replace(footing, blocks=footing.blocks.thinned(footing.limits.motion_instants, footing.limits))
     found = explained_by_motion(few)
     if not found:
         yield from _gyro_at_rest(footing)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations, permutations, product
-from math import factorial
 
 import numpy as np
 
@@ -133,10 +132,8 @@ def mirrors(robot: Robot) -> dict[Order, str]:
 
 
 def _orders(count: int, most: int) -> list[Order]:
-    """Orders other than the right one, those with the fewest changes first; only exchanges of two of more than
-    `most`.
-    """
-    if factorial(count) <= most:
+    """Orders other than the right one, those with the fewest changes first; of more than `most` exchanges of two."""
+    if count <= most:
         return sorted(permutations(range(count)), key=lambda order: sum(a != b for a, b in enumerate(order)))[1:]
     pairs = combinations(range(count), 2)
     return [tuple({a: b, b: a}.get(k, k) for k in range(count)) for a, b in pairs]

@@ -64,7 +64,7 @@ class CheckLimits:
     instants: int = 1500
     trial_instants: int = 200
     motion_instants: int = 375
-    orders: int = 24  # of legs or of a leg's joints, up to which all are tried; beyond only exchanges of two
+    orders: int = 4  # legs, or joints of a leg, of which all orders are tried; of more only exchanges of two
     much_better: float = 0.25  # largest share of the cost that remains under a confirmed hypothesis
     better: float = 0.75  # the same in motion, where rough steps and friction leave more
     # same, similar: differences in cost within which the simpler hypothesis is chosen, and within which both are named
@@ -86,10 +86,9 @@ class CheckLimits:
     # factor on it for two legs swapped in the torques or the positions only: an unlikely mistake, and legs that move
     # alike mimic it
     rare: float = 8.0
-    # of that gain from zero, in standard deviations, from the means of `segment` instants, since gains of neighbours
-    # are correlated
+    # of that gain from zero, in standard deviations, from the means of half seconds, since gains of neighbours are
+    # correlated
     deviations: float = 2.5
-    segment: int = 12
     alike: float = 0.9  # share of the largest gain above which another hypothesis is named with it
     # least number of instants to test the order of the legs' torques, and whether the IMU is late
     order_fewest: int = 50

@@ -50,18 +50,10 @@ class Footing:
     robot: Robot
     blocks: Instants
     limits: CheckLimits
-    known: State | None = None  # `state`, of other instants with the same positions and specific forces
 
-    def after(self, mend: Mend, *others: Footing) -> Footing:
-        """The footing at the same instants of the log after a correction; `others` are after other corrections."""
-        blocks = self.blocks.after(mend)
-        same = (
-            other.state
-            for other in (self, *others)
-            if blocks.specific_force is other.blocks.specific_force is not None
-            and np.array_equal(blocks.position, other.blocks.position)
-        )
-        return replace(self, blocks=blocks, known=next(same, None))
+    def after(self, mend: Mend) -> Footing:
+        """The footing at the same instants of the log after a correction."""
+        return replace(self, blocks=self.blocks.after(mend))
 
     @property
     def body(self) -> Body:
@@ -80,7 +72,7 @@ class Footing:
             return self.blocks.specific_force
         a = np.tile([0.0, 0.0, GRAVITY], (len(self.blocks), 1))
         for _ in range(self.limits.rounds):
-            state = _at_rest(self.body, self.blocks.position, a, self.limits.unfelt * self.robot.leg_length**3)
+            state = self._at_rest(a)
             a = GRAVITY * unit(self.body.forces(state, self._left(state)).sum(axis=1))
         return a
 
@@ -92,8 +84,14 @@ class Footing:
     @cached_property
     def state(self) -> State:
         """Dynamics of the legs at rest."""
-        least = self.limits.unfelt * self.robot.leg_length**3
-        return self.known or _at_rest(self.body, self.blocks.position, self.specific_force, least)
+        return self._at_rest(self.specific_force)
+
+    def _at_rest(self, specific_force: Array) -> State:
+        """Of a leg that is nearly singular no force is told."""
+        body, q, still, none = self.body, self.blocks.position, 0.0 * self.blocks.position, 0.0 * specific_force
+        state = body.at(Motion(q, still, still, none, none, specific_force, unit(specific_force)))
+        felt = np.abs(state.volume) >= self.limits.unfelt * self.robot.leg_length**3
+        return replace(state, to_wrench=np.where(felt[:, body.leg_of, None], state.to_wrench, 0.0))
 
     def _left(self, state: State) -> Array:
         return np.asarray((state.torque - self.blocks.effort)[:, self.body.in_legs])
@@ -161,8 +159,8 @@ class Footing:
         a, length, group = self.specific_force, self.robot.leg_length, self.blocks.group
         if not len(a):
             return np.empty(0)
-        A, scale = np.zeros((len(a), 6, 4)), np.array([1.0, 1.0, 1.0, *[1.0 / length] * 3])
-        A[:, :3, 0], A[:, 3:, 1:], b = a, -skews(a) / length, self.target * scale
+        b, none = self.target * np.array([1.0, 1.0, 1.0, *[1.0 / length] * 3]), np.zeros((len(a), 3, 3))
+        A = np.concatenate([np.dstack([a, none]), np.dstack([none[..., 0], -skews(a) / length])], axis=1)
         first, count = np.unique(group, return_index=True, return_counts=True)[1:]
         squares = np.add.reduceat(A.transpose(0, 2, 1) @ A, first)
         along = np.add.reduceat((A.transpose(0, 2, 1) @ b[..., None])[..., 0], first)
@@ -212,7 +210,7 @@ class Gain:
         before, after = now.costs(other)
         gains = before - after
         gain = np.nan_to_num(gains).sum(axis=0)[np.isfinite(gains).any(axis=0)]
-        parts = len(gain) // now.limits.segment
+        parts = len(gain) // (now.limits.second // 2)
         if parts < 2:
             return cls(0.0, 0.0)
         means = np.array([part.mean() for part in np.array_split(gain, parts)])
@@ -222,15 +220,6 @@ class Gain:
     def confirms(self, least: float, limits: CheckLimits) -> bool:
         """True if it is at least this large, and certain."""
         return self.mean >= least and self.deviations >= limits.deviations
-
-
-def _at_rest(body: Body, position: Array, specific_force: Array, least: float) -> State:
-    """Dynamics of legs at rest; a leg whose det J is below `least` [m³] tells nothing of its foot's force."""
-    still, up = np.zeros_like(position), unit(specific_force)
-    none = np.zeros_like(specific_force)
-    state = body.at(Motion(position, still, still, none, none, specific_force, up))
-    felt = np.append(np.abs(state.volume) >= least, np.zeros((len(position), 1), dtype=bool), axis=1)
-    return replace(state, to_wrench=np.where(felt[:, body.leg_of, None], state.to_wrench, 0.0))
 
 
 def _mean(cost: Array) -> float:
