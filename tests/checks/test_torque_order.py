@@ -12,7 +12,7 @@ import pytest
 from stadera.checks import CheckLimits, torques
 from stadera.checks.instants import Instants
 from stadera.checks.residual import Footing
-from stadera.checks.torques import SwappedTorques, TrunkRows, swapped_in_motion, torque_step
+from stadera.checks.torques import SwappedTorques, swapped_in_motion, torque_step
 from stadera.lab.experiments.fault_kinds import FORCES
 from stadera.lab.scenarios.run import simulate
 from stadera.lab.scenarios.settings import Load, SimulateSettings
@@ -49,8 +49,7 @@ def footing_of(log: Recording, name: str, limits: CheckLimits) -> Footing:
 
 
 def order_of(log: Recording, name: str, limits: CheckLimits) -> SwappedTorques | None:
-    footing = footing_of(log, name, limits)
-    return swapped_in_motion(footing, TrunkRows.of(footing))
+    return swapped_in_motion(footing_of(log, name, limits))
 
 
 SOUND = [
@@ -127,8 +126,7 @@ def test_a_step_that_any_joint_explains_is_not_named(monkeypatch: pytest.MonkeyP
     squares, sizes = np.r_[np.full(4, 400.0), np.zeros(8)], np.full(12, 0.1)
     log = log_of("go2", "shake", 12)
     monkeypatch.setattr(torques, "_tested", lambda *_: (squares, sizes))
-    footing = footing_of(log, "go2", CheckLimits(step_alike_most=most))
-    found = torque_step(footing, TrunkRows.of(footing))
+    found = torque_step(footing_of(log, "go2", CheckLimits(step_alike_most=most)))
     assert (found is not None) == named
 
 

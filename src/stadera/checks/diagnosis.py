@@ -28,7 +28,7 @@ from stadera.checks.other_robot import carried_by_others
 from stadera.checks.residual import Footing, Gain
 from stadera.checks.sensors import orientation_findings, sensor_findings
 from stadera.checks.statics import Consistency
-from stadera.checks.torques import TrunkRows, pushing_at_rest, swapped_in_motion, torque_step
+from stadera.checks.torques import pushing_at_rest, swapped_in_motion, torque_step
 from stadera.checks.units import DEGREE, unit_findings
 from stadera.errors import listed
 from stadera.logs.mend import GYRO, Mend
@@ -208,8 +208,7 @@ def _of_torques(footing: Footing, mount: ImuMount | None) -> Iterator[Finding]:
     """Torques of legs that are swapped with those of others, certain in motion and a doubt at rest, and a torque that
     jumps.
     """
-    rows = TrunkRows.of(footing)
-    found, step = swapped_in_motion(footing, rows), torque_step(footing, rows)
+    found, step = swapped_in_motion(footing), torque_step(footing)
     if found is not None and (step is None or found.gain > step.deviations**2):
         odds = f"(likelihood higher by e^{0.5 * found.gain:.0f}, allowing for friction and other errors of models)"
         text = f"with them in the right order the trunk balances as it moves {odds}"

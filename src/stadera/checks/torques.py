@@ -37,9 +37,11 @@ nearly constant force and moment, which an offset imitates: the two look alike.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from stadera.body import Motion, State
 from stadera.body.friction import direction
@@ -142,23 +144,26 @@ class TrunkRows:
         columns = (np.concatenate(parts, axis=2) / self.scale).reshape(6 * len(E), -1)
         return np.hstack([columns[:, :1], columns[:, 1:] @ self.root])
 
-    @property
+    @cached_property
     def steps(self) -> Array:
         """(6 n, J), of an offset of each torque by its limit."""
         steps = -np.moveaxis(self.state.to_wrench[:, self.footing.body.in_legs], 1, 2) * self.limit / self.scale
         return np.asarray(steps.reshape(-1, len(self.limit)))
 
+    @cached_property
+    def _seconds(self) -> tuple[NDArray[np.int64], ...]:
+        """Rows of each second."""
+        group = np.repeat(self.footing.blocks.group, 6)
+        return tuple(np.flatnonzero(group == one) for one in np.unique(group))
+
     def by_second(self, order: Order, *, pushed: bool = False) -> tuple[Array, Array]:
         """Products of b and C (seconds, 1 + p, 1 + p) after θ is eliminated, another one in every second, and numbers
-        of rows less θ's; of at most `motion_instants`. With `pushed` a constant force and moment from outside too.
+        of rows less θ's. With `pushed` a constant force and moment from outside too.
         """
-        limits, group, products, counts = self.footing.limits, self.footing.blocks.group, [], []
-        seconds, columns = np.unique(group), self.columns(order)
-        most = max(limits.motion_instants // limits.second, 1)
-        for one in seconds[np.unique(np.linspace(0, len(seconds) - 1, min(most, len(seconds))).astype(np.int64))]:
-            at = np.flatnonzero(np.repeat(group == one, 6))
+        products, counts, columns = [], [], self.columns(order)
+        for at in self._seconds:
             A, outside = self.matrix[at], 10.0 * np.tile(np.eye(6), (len(at) // 6, 1))
-            products.append(_less(columns[at], np.hstack([A, outside]) if pushed else A, limits))
+            products.append(_less(columns[at], np.hstack([A, outside]) if pushed else A, self.footing.limits))
             counts.append(max(len(at) - A.shape[1] - 6 * pushed, 0))
         return np.array(products), np.array(counts, dtype=float)
 
@@ -193,11 +198,12 @@ class Likelihood:
         return cls(float(costs[best]), float(k[best, 0]), value, vector)
 
 
-def swapped_in_motion(footing: Footing, rows: TrunkRows | None) -> SwappedTorques | None:
+def swapped_in_motion(footing: Footing) -> SwappedTorques | None:
     """The order of torques that explains the motion better; None if the recorded one is not worse than by chance, or
-    the robot is at rest.
+    the robot is at rest, or there is no IMU.
     """
     limits, own = footing.limits, tuple(range(len(footing.robot.legs)))
+    rows = TrunkRows.of(replace(footing, blocks=footing.blocks.thinned(limits.motion_instants, limits)))
     if rows is None or len(footing.blocks) < limits.order_fewest or footing.lively <= limits.lively_share:
         return None
 
@@ -247,9 +253,10 @@ def _push(footing: Footing, a: int, b: int) -> float:
     return float((force[b] - force[a]) @ line) / (2.0 * float(np.linalg.norm(line)))
 
 
-def torque_step(footing: Footing, rows: TrunkRows | None) -> TorqueStep | None:
-    """The step with the largest z, if it is beyond chance and no small one; None if there is none."""
-    limits, time, spans = footing.limits, footing.blocks.time, [] if rows is None else list(_spans(footing))
+def torque_step(footing: Footing) -> TorqueStep | None:
+    """The step with the largest z, if it is beyond chance and no small one; None if there is none, or no IMU."""
+    limits, time, rows = footing.limits, footing.blocks.time, TrunkRows.of(footing)
+    spans = [] if rows is None else list(_spans(footing))
     if rows is None or not spans:
         return None
     recorded = rows.columns(tuple(range(len(footing.robot.legs))))
