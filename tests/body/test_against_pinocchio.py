@@ -17,7 +17,6 @@ from stadera.inertia import InertialParameters
 from stadera.lab.pinocchio import pinocchio_model
 from stadera.robot import load_robot
 from stadera.robot.catalog import _example_robot_data
-from stadera.robot.modelfile import joint_axis, moving_axis
 from stadera.types import Array
 
 SAMPLES = 5
@@ -30,6 +29,13 @@ FILES = {
     # the same without the ankles' contact moments: legs with more joints than their contacts have components
     "g1_on_points": ("g1_description/urdf/g1_29dof_rev_1_0.urdf", ["left_ankle_roll_link", "right_ankle_roll_link"], 3),
 }
+
+
+def axis_of(joint: Any) -> Array | None:
+    """Unit axis (6,), linear above angular, of a joint of Pinocchio's with one degree of freedom; None of others."""
+    data = joint.createData()
+    joint.calc(data, np.array([0.0]) if joint.nq == 1 else np.array([1.0, 0.0]))  # an unlimited one has (cos, sin)
+    return np.asarray(data.S).reshape(6) if joint.nv == 1 else None
 
 
 class Case:
@@ -48,7 +54,7 @@ def of_file(name: str) -> Case:
     file, feet, size = FILES[name]
     model = pin.buildModelFromUrdf(str(folder / file), pin.JointModelFreeFlyer())
     # the rows know no mimicking and no unlimited joints' pairs of numbers
-    locked = [j for j in range(2, model.njoints) if moving_axis(model.joints[j]) is None or model.joints[j].nq != 1]
+    locked = [j for j in range(2, model.njoints) if model.joints[j].nv != 1 or model.joints[j].nq != 1]
     if locked:
         model = pin.buildReducedModel(model, locked, pin.neutral(model))
     n, points = model.njoints - 2, []
@@ -61,13 +67,14 @@ def of_file(name: str) -> Case:
         while model.parents[chain[0]] > 1:
             chain.insert(0, model.parents[chain[0]])
         legs.append(tuple(j - 2 for j in chain))
+    axes = np.array([axis_of(joint) for joint in list(model.joints)[2:]])
     body = Body(
         tuple(model.names)[2:],
         np.array([p - 2 if p > 1 else n for p in list(model.parents)[2:]], dtype=np.int64),
         np.array([placement.rotation for placement in list(model.jointPlacements)[2:]]),
         np.array([placement.translation for placement in list(model.jointPlacements)[2:]]),
-        np.array([moving_axis(joint) for joint in list(model.joints)[2:]]),
-        np.array([joint_axis(joint) is None for joint in list(model.joints)[2:]]),
+        axes[:, :3] + axes[:, 3:],
+        axes[:, :3].any(axis=1),
         np.array([InertialParameters.from_pinocchio(inertia).vector for inertia in list(model.inertias)[2:]]),
         np.array(model.armature)[6:],
         *np.zeros((3, n)),

@@ -12,6 +12,7 @@ import pytest
 from robot_files import CORNERS, SPHERE, mjcf, quadruped, urdf, urdf_joint, urdf_leg, urdf_link, write
 
 from stadera.errors import MissingExtraError, ModelError, UnknownNameError
+from stadera.inertia import InertialParameters
 from stadera.robot import LEG_NAMES, Robot, catalog, load_robot
 from stadera.robot.catalog import _example_robot_data
 from stadera.robot.kinematics import foot_positions, forward_kinematics
@@ -321,16 +322,41 @@ def test_a_malformed_number_is_refused(good: str, bad: str, named: str, tmp_path
     assert named in _refused(write(tmp_path, quadruped(LF=leg.replace(good, bad, 1))))
 
 
-def test_pinocchio_must_read_what_the_file_states(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    ("good", "bad", "named"),
+    [
+        ('<child link="lf_hip"/>', '<child link="lf_hop"/>', "joint 'lf_a' is on link 'lf_hop'"),
+        ('<child link="lf_thigh"/>', '<child link="rf_hip"/>', "link 'rf_hip' has two parents"),
+        ('<parent link="base"/><child link="lf_hip"/>', '<parent link="lf_shank"/><child link="lf_hip"/>', "a ring"),
+        ('name="lf_b" type="revolute"', 'name="lf_a" type="revolute"', "two joints have one name"),
+        ('name="lf_a" type="revolute"', 'name="lf_a" type="hinge"', "of type 'hinge'"),
+        ('<axis xyz="1 0 0"/>', '<axis xyz="0 0 0"/>', "no length"),
+        ('<limit lower="-2" upper="2" velocity="10" effort="50"/>', "", "has no <limit>"),
+    ],
+)
+def test_joints_that_make_no_tree_are_refused(good: str, bad: str, named: str, tmp_path: Path) -> None:
+    leg = urdf_leg("lf", CORNERS["LF"])
+    assert good in leg
+    assert named in _refused(write(tmp_path, quadruped(LF=leg.replace(good, bad, 1))))
+
+
+@pytest.mark.parametrize("name", ["hyq", "go2", "b1", "g1", "talos"])
+def test_links_and_joints_are_those_that_pinocchio_reads(name: str) -> None:
     import pinocchio as pin
 
-    build = pin.buildModelFromXML
-
-    def altered(*arguments: object) -> pin.Model:
-        model = build(*arguments)
-        if model.njoints > 3:
-            model.inertias[3] = pin.Inertia.Zero()
-        return model
-
-    monkeypatch.setattr(pin, "buildModelFromXML", altered)
-    assert "lf_thigh" in _refused(write(tmp_path, quadruped()))
+    try:
+        robot = load_robot(name)
+    except MissingExtraError:
+        pytest.skip("example-robot-data is not installed")
+    whole = pin.buildModelFromUrdf(str(robot.source), pin.JointModelFreeFlyer())
+    others = [j for j in range(2, whole.njoints) if whole.names[j] not in robot.tree.joints]
+    model = pin.buildReducedModel(whole, others, pin.neutral(whole)) if others else whole
+    for k, link in enumerate(robot.tree.links):
+        joint = model.getJointId(robot.tree.joints[k - 1]) if k else 1
+        ours, theirs = robot.inertias[link].vector, InertialParameters.from_pinocchio(model.inertias[joint]).vector
+        np.testing.assert_allclose(ours, theirs, rtol=1e-9, atol=1e-12)
+        if k:
+            pose, v = model.jointPlacements[joint], model.joints[joint].idx_v
+            np.testing.assert_allclose(robot.tree.rotations[k - 1], pose.rotation, atol=1e-12)
+            np.testing.assert_allclose(robot.tree.translations[k - 1], pose.translation, atol=1e-12)
+            assert robot.limits[robot.tree.joints[k - 1]].effort == model.upperEffortLimit[v]

@@ -10,7 +10,6 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
-import pinocchio as pin
 
 from stadera.constants import ROUNDING
 from stadera.errors import ModelError
@@ -95,12 +94,12 @@ def _check_not_negative(dynamics: Mapping[str, JointDynamics], kinds: tuple[str,
 
 def _changed_inertias(robot: Robot, prior: Robot, file: ModelFile) -> dict[str, InertialParameters]:
     """For each link that differs from the file: its combined inertia without the bodies behind locked joints."""
-    changed = {}
+    changed, own = {}, file.lumped(file.carried(file.joints))
+    places = {file.joint(k).name: k for k in file.joints}
     for k, link in enumerate(prior.tree.links):
         if robot.inertias[link] == prior.inertias[link]:
             continue
-        joint = 1 if k == 0 else file.model.getJointId(prior.tree.joints[k - 1])
-        alone = InertialParameters.from_pinocchio(file.model.inertias[joint])
+        alone = own[0 if k == 0 else places[prior.tree.joints[k - 1]]]
         changed[link] = robot.inertias[link] - (prior.inertias[link] - alone)
         if not changed[link].mass > 0:
             raise ModelError(f"link {link!r} has mass {changed[link].mass:g} kg; a model file needs it positive")
@@ -109,14 +108,11 @@ def _changed_inertias(robot: Robot, prior: Robot, file: ModelFile) -> dict[str, 
 
 def _fixed_bodies(prior: Robot, file: ModelFile) -> dict[str, list[str]]:
     """By moving link, the names of the other bodies in the file that are fixed to it."""
-    joints = {1: prior.trunk} | {
-        file.model.getJointId(joint): link for joint, link in zip(prior.tree.joints, prior.tree.links[1:], strict=True)
-    }
     fixed: dict[str, list[str]] = {link: [] for link in prior.tree.links}
-    for frame in file.model.frames:
-        link = joints.get(frame.parentJoint)
-        if frame.type == pin.FrameType.BODY and link and frame.name != link:
-            fixed[link].append(frame.name)
+    for link, (at, _, _) in zip(file.links, file.carried(file.joints), strict=True):
+        moved = file.links[at].name if at else prior.trunk
+        if link.name != moved and moved in fixed:
+            fixed[moved].append(link.name)
     return fixed
 
 

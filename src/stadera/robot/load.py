@@ -5,10 +5,8 @@ from contextlib import suppress
 from dataclasses import replace
 from os import PathLike
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import pinocchio as pin
 
 from stadera.boundary import foreign, require_input
 from stadera.errors import MissingExtraError, ModelError, RecordingError, StaderaError
@@ -17,15 +15,16 @@ from stadera.limits import DEFAULTS, Limits
 from stadera.robot.catalog import CATALOG, resolve
 from stadera.robot.extra import ExtraJoints
 from stadera.robot.legs import Chain, find_legs
-from stadera.robot.model import Frame, JointDynamics, JointLimits, Leg, Robot, Shape, Tree
-from stadera.robot.modelfile import ModelFile, joint_axis, moving_axis
+from stadera.robot.model import Frame, JointLimits, Leg, Robot, Shape, Tree
+from stadera.robot.modelfile import ModelFile
 from stadera.robot.sense import check_sense, checked_limits
 from stadera.robot.shapes import FLAT, find_foot, find_sole, fitted_shapes
 from stadera.robot.sole import with_unfelt_moments
 from stadera.robot.xml import Document, read_xml
 from stadera.types import Array, Progress
 
-_UNSTATED = 1e300  # Pinocchio writes the largest double where a URDF states no limit
+Carried = list[tuple[int, Array, Array]]
+"""As `ModelFile.carried` gives it."""
 
 
 def load_robot(source: Robot | str | PathLike[str], limits: Limits = DEFAULTS) -> Robot:
@@ -64,11 +63,10 @@ def read_model_file(path: Path, limits: Limits = DEFAULTS) -> ModelFile:
     """
     root = parse_xml(path, limits).root
     if root.tag == "robot":
-        from stadera.robot.urdf import read_urdf, require_depth
+        from stadera.robot.urdf import read_urdf
 
-        require_depth(root, path, limits)
         with foreign(path, "not a URDF that can be read", ModelError):
-            return read_urdf(path, root)
+            return read_urdf(path, root, limits)
     try:
         from stadera.robot.mjcf import read_mjcf, require_size
     except ModuleNotFoundError as error:
@@ -92,118 +90,91 @@ def parse_xml(path: Path, limits: Limits = DEFAULTS) -> Document:
 
 def _understand(file: ModelFile) -> Robot:
     chains, notes = find_legs(file)
-    of_legs = {joint for chain in chains for joint in chain.joints}
-    model, locked = _with_only(file.model, of_legs)
+    order = [k for chain in chains for k in chain.links]
+    locked = [file.joint(k).name for k in file.joints if k not in order]
     if locked:
-        others = ", ".join(file.model.names[joint] for joint in locked)
         held = "belong to no leg, so their links are lumped into their parents, at zero unless a log says otherwise"
-        notes = (*notes, f"{held}: {others}")
-    order = [model.getJointId(file.model.names[joint]) for chain in chains for joint in chain.joints]
-    tree = _tree(file, model, order)
-    frames = _frames(model, dict(zip([1, *order], tree.links, strict=True)))
+        notes = (*notes, f"{held}: {', '.join(locked)}")
+    carried, names = file.carried(order), {0: file.trunk} | {k: file.links[k].name for k in order}
+    tree = Tree(tuple(names.values()), tuple(file.joint(k).name for k in order), *_joints(file, carried, [0, *order]))
+    frames = _frames(file, carried, names)
     shapes = tuple(_on_moving_links(file, frames))
     legs, foot_notes = _legs(file, chains, frames, shapes)
     for leg in legs:
         frames.setdefault(leg.foot, Frame(leg.links[-1], np.eye(3), np.asarray(leg.foot_position)))
-    limits, limit_notes = _limits(file, tree)
+    limits, limit_notes = _limits(file, order)
     robot = Robot(
         name=file.name,
         tree=tree,
         legs=legs,
-        inertias=_inertias(file, model, tree, order),
-        dynamics={joint: _dynamics(file.model, joint) for joint in tree.joints},
+        inertias=_inertias(file, carried, names),
+        dynamics={file.joint(k).name: file.joint(k).dynamics for k in order},
         limits=limits,
         frames=frames,
         shapes=(*shapes, *fitted_shapes(tree, legs, shapes)),
         source=file.path,
         notes=(*notes, *foot_notes, *limit_notes),
-        extra=_extra(file, of_legs),
+        extra=_extra(file, order),
     )
     return with_unfelt_moments(replace(robot, notes=(*robot.notes, *check_sense(robot))))
 
 
-def _with_only(model: Any, joints: Collection[int]) -> tuple[Any, list[int]]:
-    """The model with all other joints of the trunk's fixed at zero, and these others."""
-    locked = sorted(set(range(2, model.njoints)).difference(joints))
-    return (pin.buildReducedModel(model, locked, pin.neutral(model)) if locked else model), locked
-
-
 def _extra(file: ModelFile, of_legs: Collection[int]) -> ExtraJoints | None:
-    """The joints outside the legs that hang from the trunk and turn or slide; the others among them stay at zero."""
-    whole, found = file.model, _hanging(file.model, of_legs)
-    if not found:
+    """The joints outside the legs that turn or slide, on the trunk or on another one of them; others stay at zero."""
+    order: list[int] = []
+    for k in (k for k in file.joints if k not in of_legs):
+        if file.above(k) in (0, *order) and file.joint(k).kind != "other":
+            order.append(k)
+    if not order:
         return None
-    model, _ = _with_only(whole, {*of_legs, *found})
-    names = tuple(whole.names[joint] for joint in found)
-    order = [model.getJointId(name) for name in names]
-    rotations, translations = _placements(model, order)
+    carried, names = file.carried({*of_legs, *order}), {k: file.links[k].name for k in order}
+    parents, rotations, translations, axes = _joints(file, carried, [0, *order])
+    bodies, joints = file.lumped(carried), [file.joint(k) for k in order]
     return ExtraJoints(
-        joints=names,
-        parents=tuple(parent - 1 for parent in _parents(model, order)),
+        joints=tuple(joint.name for joint in joints),
+        parents=tuple(parent - 1 for parent in parents),
         rotations=rotations,
         translations=translations,
-        axes=np.array([moving_axis(model.joints[joint]) for joint in order]),
-        sliding=tuple(joint_axis(model.joints[joint]) is None for joint in order),
-        bodies=tuple(InertialParameters.from_pinocchio(model.inertias[joint]) for joint in order),
+        axes=axes,
+        sliding=tuple(joint.kind == "slides" for joint in joints),
+        bodies=tuple(bodies[k] for k in order),
         reference=np.zeros(len(order)),
-        links=tuple(file.links[name] for name in names),
-        effort=tuple(_stated(model.upperEffortLimit[model.joints[joint].idx_v]) or np.inf for joint in order),
-        frames=_frames(model, dict(zip(order, (file.links[name] for name in names), strict=True))),
+        links=tuple(names.values()),
+        effort=tuple(joint.limits.effort or np.inf for joint in joints),
+        frames=_frames(file, carried, names),
     )
 
 
-def _hanging(whole: Any, of_legs: Collection[int]) -> list[int]:
-    """Joints outside the legs that turn or slide, on the trunk or on another one of them."""
-    found: list[int] = []
-    others = (joint for joint in range(2, whole.njoints) if joint not in of_legs)  # in topological order
-    for joint in others:
-        if whole.parents[joint] in (1, *found) and moving_axis(whole.joints[joint]) is not None:
-            found.append(joint)
-    return found
+def _joints(file: ModelFile, carried: Carried, order: list[int]) -> tuple[tuple[int, ...], Array, Array, Array]:
+    """For the joint of each link of an order but the first: the place of its parent in the order; pose of its frame in
+    the parent's (n, 3, 3) and (n, 3) [m]; axis (n, 3).
+    """
+    poses = [file.placed(carried, k) for k in order[1:]]
+    parents = tuple(order.index(at) for at, _, _ in poses)
+    axes = np.array([file.joint(k).axis for k in order[1:]])
+    return parents, np.array([R for _, R, _ in poses]), np.array([p for _, _, p in poses]), axes
 
 
-def _tree(file: ModelFile, model: Any, order: list[int]) -> Tree:
-    joints = tuple(model.names[joint] for joint in order)
-    rotations, translations = _placements(model, order)
-    return Tree(
-        links=(file.trunk, *map(file.links.__getitem__, joints)),
-        joints=joints,
-        parents=_parents(model, order),
-        rotations=rotations,
-        translations=translations,
-        axes=np.array([joint_axis(model.joints[joint]) for joint in order]),
-    )
+def _inertias(file: ModelFile, carried: Carried, names: Mapping[int, str]) -> dict[str, InertialParameters]:
+    bodies = file.lumped(carried)
+    for k, name in names.items():
+        if not bodies[k].mass > 0:
+            mass = next(link.body.mass for link in file.links if link.name == name)
+            why = "" if mass else ": it has no <inertial>, nor has anything fixed to it"
+            raise ModelError(
+                f"{file.path}: moving link {name!r} has mass {bodies[k].mass:g} kg; it must be positive{why}"
+            )
+    return {name: bodies[k] for k, name in names.items()}
 
 
-def _parents(model: Any, order: list[int]) -> tuple[int, ...]:
-    """For each joint, 0 if it is on the trunk, else one more than its parent's place in the order."""
-    return tuple([1, *order].index(model.parents[joint]) for joint in order)
-
-
-def _placements(model: Any, order: list[int]) -> tuple[Array, Array]:
-    """Rotations (n, 3, 3) and translations (n, 3) [m] of the joints' frames in their parents'."""
-    placements = [model.jointPlacements[joint] for joint in order]
-    return np.array([pose.rotation for pose in placements]), np.array([pose.translation for pose in placements])
-
-
-def _inertias(file: ModelFile, model: Any, tree: Tree, order: list[int]) -> dict[str, InertialParameters]:
-    inertias = {}
-    for link, joint in zip(tree.links, [1, *order], strict=True):
-        mass = model.inertias[joint].mass
-        if not mass > 0:
-            why = "" if file.masses.get(link) else ": it has no <inertial>, nor has anything fixed to it"
-            raise ModelError(f"{file.path}: moving link {link!r} has mass {mass:g} kg; it must be positive{why}")
-        inertias[link] = InertialParameters.from_pinocchio(model.inertias[joint])
-    return inertias
-
-
-def _frames(model: Any, link_of_joint: Mapping[int, str]) -> dict[str, Frame]:
-    """Every link and site of the file on these moving links, by the joint that moves it, as a frame on it."""
+def _frames(file: ModelFile, carried: Carried, names: Mapping[int, str]) -> dict[str, Frame]:
+    """Every link and site of the file on these moving links, by the name of the link that moves it."""
+    own = {link.name: (k, np.eye(3), link.origin) for k, link in enumerate(file.links)}
     frames = {}
-    for frame in model.frames:
-        if frame.type in (pin.FrameType.BODY, pin.FrameType.OP_FRAME) and frame.parentJoint in link_of_joint:
-            pose = frame.placement
-            frames[frame.name] = Frame(link_of_joint[frame.parentJoint], pose.rotation.copy(), pose.translation.copy())
+    for name, (k, turn, place) in (own | dict(file.sites)).items():
+        at, R, p = carried[k]
+        if at in names:
+            frames[name] = Frame(names[at], R @ turn, p + R @ place)
     return frames
 
 
@@ -219,8 +190,7 @@ def _legs(
     legs: list[Leg] = []
     feet_by_note: dict[str, list[str]] = {}
     for chain in chains:
-        joints = tuple(file.model.names[joint] for joint in chain.joints)
-        links = tuple(file.links[joint] for joint in joints)
+        joints, links = tuple(file.joint(k).name for k in chain.links), tuple(file.links[k].name for k in chain.links)
         balls = any(shape.link == links[-1] and shape.kind == "sphere" for shape in shapes)
         flat = len(joints) >= FLAT or (len(joints) == FLAT - 1 and not balls)
         try:
@@ -232,42 +202,21 @@ def _legs(
     return tuple(legs), [f"foot {', '.join(feet)}: {note}" for note, feet in feet_by_note.items() if note]
 
 
-def _limits(file: ModelFile, tree: Tree) -> tuple[dict[str, JointLimits], list[str]]:
+def _limits(file: ModelFile, order: list[int]) -> tuple[dict[str, JointLimits], list[str]]:
     limits: dict[str, JointLimits] = {}
     notes: list[str] = []
-    model = file.model
-    for name in tree.joints:
-        joint = model.joints[model.getJointId(name)]
+    for joint in map(file.joint, order):
+        stated, velocity, effort = joint.limits, joint.limits.velocity, joint.limits.effort
         try:
-            lower, upper, note = _position_limits(model, joint, name)
+            lower, upper, note = checked_limits(joint.name, stated.lower, stated.upper)
         except ModelError as error:
             raise ModelError(f"{file.path}: {error}") from error
         notes += [note] if note else []
-        velocity = _stated(model.upperVelocityLimit[joint.idx_v])
-        effort = _stated(model.upperEffortLimit[joint.idx_v])
         if velocity <= 0 or effort <= 0:
-            notes.append(f"joint {name}: a limit of zero velocity or effort is read as none")
+            notes.append(f"joint {joint.name}: a limit of zero velocity or effort is read as none")
             velocity, effort = velocity if velocity > 0 else np.inf, effort if effort > 0 else np.inf
-        limits[name] = JointLimits(lower, upper, velocity, effort)
+        limits[joint.name] = JointLimits(lower, upper, velocity, effort)
     return limits, notes
-
-
-def _position_limits(model: Any, joint: Any, name: str) -> tuple[float, float, str]:
-    """Lower and upper limit [rad], and a note on them or none; a joint without end has none."""
-    if joint.nq != 1:
-        return -np.inf, np.inf, ""
-    lower, upper = model.lowerPositionLimit[joint.idx_q], model.upperPositionLimit[joint.idx_q]
-    return checked_limits(name, _stated(lower), _stated(upper))
-
-
-def _stated(limit: float) -> float:
-    return float(limit) if abs(limit) < _UNSTATED else float(np.copysign(np.inf, limit))
-
-
-def _dynamics(model: Any, name: str) -> JointDynamics:
-    v = model.joints[model.getJointId(name)].idx_v
-    armature, damping, coulomb = model.armature[v], model.damping[v], model.upperDryFrictionLimit[v]
-    return JointDynamics(armature=float(armature), viscous=float(damping), coulomb=float(coulomb))
 
 
 def known_robots(progress: Progress | None = None) -> Iterator[Robot]:

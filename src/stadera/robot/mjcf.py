@@ -1,26 +1,22 @@
-"""Reads and writes MJCF: read into a Pinocchio model with MuJoCo's own compiler.
-
-MuJoCo's compiler defines MJCF (defaults, includes, frames, angles, actuators). Pinocchio's parser ignores actuator
-ranges and, with a joint anchor off the body's origin, misplaces fixed child bodies.
-"""
+"""Reads and writes MJCF: read with MuJoCo's own compiler, which defines it (defaults, includes, angles, actuators)."""
 
 import xml.etree.ElementTree as ET
 from collections import Counter
 from collections.abc import Iterator, Mapping
+from math import cos, sin
 from pathlib import Path
 from typing import Any
 from xml.parsers.expat import ExpatError
 
 import mujoco
 import numpy as np
-import pinocchio as pin
 
 from stadera.boundary import foreign
 from stadera.errors import ModelError
 from stadera.inertia import InertialParameters
 from stadera.limits import Limits
-from stadera.robot.model import JointDynamics, Shape
-from stadera.robot.modelfile import ModelFile
+from stadera.robot.model import JointDynamics, JointLimits, Shape
+from stadera.robot.modelfile import FileJoint, FileLink, ModelFile
 from stadera.robot.xml import (
     Document,
     PayloadLink,
@@ -44,21 +40,10 @@ _PRIMITIVES = {
 
 def read_mjcf(path: Path) -> ModelFile:
     """Reads an MJCF. Raises ModelError: MuJoCo cannot compile it, or it has no body with joints."""
-    mj = compile_mjcf(path)
-    builder = _Builder(path, mj)
-    builder.add_trunk()
-    for body in builder.bodies[1:]:
-        builder.add_body(body)
-    builder.set_joint_values()
-    return ModelFile(
-        path=path,
-        name=_model_name(mj, path),
-        model=builder.model,
-        trunk=builder.body_name(builder.bodies[0]),
-        links=builder.links,
-        masses={builder.body_name(b): float(mj.body_mass[b]) for b in builder.bodies},
-        shapes=tuple(builder.shapes()),
-    )
+    builder = _Builder(path, compile_mjcf(path))
+    links = tuple(builder.links())
+    name = builder.mj.names.split(b"\0", 1)[0].decode() or path.stem
+    return ModelFile(path, name, links, links[0].name, builder.sites(links), tuple(builder.shapes()))
 
 
 def require_size(root: ET.Element, path: Path, limits: Limits) -> None:
@@ -141,31 +126,21 @@ def _drop_meshes(spec: Any) -> None:
         spec.delete(asset)
 
 
-def _model_name(mj: Any, path: Path) -> str:
-    name: str = mj.names.split(b"\0", 1)[0].decode()
-    return name or path.stem
-
-
 class _Builder:
-    """Builds the Pinocchio model body by body; a joint's frame has its body's axes and its origin at the joint's
-    anchor.
+    """Takes links, sites and shapes from a compiled model; a link's frame has its body's axes and its origin at the
+    joint's anchor. Of several joints of a body all but the last have links of their own, without mass.
     """
 
     def __init__(self, path: Path, mj: Any) -> None:
         self.path, self.mj = path, mj
-        self.model = pin.Model()
         self.bodies = self._robot_bodies()
-        self.links: dict[str, str] = {}
-        self._joint_of_body: dict[int, int] = {}  # body id -> Pinocchio joint that carries it
-        self._pose_of_body: dict[int, Any] = {}  # body id -> pose of the body's frame in that joint's frame
-        self._mj_joint: dict[int, int] = {}  # Pinocchio joint id -> MuJoCo joint id
 
     # -- names and order ------------------------------------------------------------------------------------------
-    def body_name(self, body: int) -> str:
+    def _body_name(self, body: int) -> str:
         return str(self.mj.body(body).name) or f"body_{body}"
 
     def _joint_name(self, joint: int) -> str:
-        return str(self.mj.joint(joint).name) or f"{self.body_name(int(self.mj.jnt_bodyid[joint]))}_joint"
+        return str(self.mj.joint(joint).name) or f"{self._body_name(int(self.mj.jnt_bodyid[joint]))}_joint"
 
     def _robot_bodies(self) -> list[int]:
         """Bodies of the tree with the most hinges, its root first."""
@@ -178,83 +153,56 @@ class _Builder:
         return [body for body in range(1, mj.nbody) if mj.body_rootid[body] == root]
 
     # -- bodies and joints ----------------------------------------------------------------------------------------
-    def add_trunk(self) -> None:
-        mj, trunk = self.mj, self.bodies[0]
-        start, number = int(mj.body_jntadr[trunk]), int(mj.body_jntnum[trunk])
-        types = [int(mj.jnt_type[j]) for j in range(start, start + number)]
-        if types not in ([], [int(mujoco.mjtJoint.mjJNT_FREE)]):
-            raise ModelError(f"{self.path}: body {self.body_name(trunk)!r} is neither free nor fixed to the world")
-        name = self._joint_name(start) if number else "root_joint"
-        joint = self.model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), name)
-        self.model.addJointFrame(joint)
-        self._attach(trunk, joint, pin.SE3.Identity())
+    def links(self) -> Iterator[FileLink]:
+        """The links, body by body."""
+        mj, trunk, count = self.mj, self.bodies[0], 0
+        joints = range(mj.body_jntadr[trunk], mj.body_jntadr[trunk] + mj.body_jntnum[trunk])
+        if [int(mj.jnt_type[j]) for j in joints] not in ([], [int(mujoco.mjtJoint.mjJNT_FREE)]):
+            raise ModelError(f"{self.path}: body {self._body_name(trunk)!r} is neither free nor fixed to the world")
+        places: dict[int, tuple[int, Array]] = {}  # by body, of its link, and its origin there
+        for body in self.bodies:
+            at, place, turn, own = -1, np.zeros(3), np.eye(3), range(0)
+            if body != trunk:
+                at, origin = places[int(mj.body_parentid[body])]
+                place, turn = origin + mj.body_pos[body], _rotation(mj.body_quat[body])
+                own = range(mj.body_jntadr[body], mj.body_jntadr[body] + mj.body_jntnum[body])
+            origin, joint = np.zeros(3), None  # of the body, from the last joint's anchor
+            for j in own:
+                if joint is not None:
+                    yield FileLink(f"{joint.name}_link", at, turn, place, InertialParameters.zero(), joint)
+                    at, count, place, turn = count, count + 1, np.zeros(3), np.eye(3)
+                joint, back, way = self._joint(j)
+                place, turn, origin = place + turn @ (origin + mj.jnt_pos[j] + way), turn @ back, -mj.jnt_pos[j]
+            axes = _rotation(mj.body_iquat[body])
+            tensor, com = axes @ np.diag(mj.body_inertia[body]) @ axes.T, mj.body_ipos[body] + origin
+            inertia = InertialParameters.from_com(mj.body_mass[body], com, tensor)
+            yield FileLink(self._body_name(body), at, turn, place, inertia, joint, origin)
+            places[body], count = (count, origin), count + 1
 
-    def add_body(self, body: int) -> None:
-        """Adds a body with its joints: none (fixed to its parent), one, or several in a row."""
-        mj = self.mj
-        parent_body = int(mj.body_parentid[body])
-        parent = self._joint_of_body[parent_body]
-        placement = self._pose_of_body[parent_body] * _pose(mj.body_quat[body], mj.body_pos[body])
-        start = int(mj.body_jntadr[body])
-        for j in range(start, start + int(mj.body_jntnum[body])):
-            anchor = pin.SE3(np.eye(3), np.array(mj.jnt_pos[j]))
-            joint_model, back = self._joint_model(j)
-            parent = self.model.addJoint(parent, joint_model, placement * anchor * back, self._joint_name(j))
-            self.model.addJointFrame(parent)
-            self._mj_joint[parent] = j
-            self.links[self._joint_name(j)] = f"{self._joint_name(j)}_link"
-            placement = anchor.inverse()
-        if mj.body_jntnum[body]:
-            self.links[self.model.names[parent]] = self.body_name(body)
-        self._attach(body, parent, placement)
+    def sites(self, links: tuple[FileLink, ...]) -> dict[str, tuple[int, Array, Array]]:
+        """The named sites: place of their link, and pose in it."""
+        mj, place = self.mj, {link.name: k for k, link in enumerate(links)}
+        found = {}
+        for site in range(mj.nsite):
+            name, body = mj.site(site).name, int(mj.site_bodyid[site])
+            if name and body in self.bodies:
+                at = place[self._body_name(body)]
+                found[name] = at, _rotation(mj.site_quat[site]), links[at].origin + mj.site_pos[site]
+        return found
 
-    def _joint_model(self, j: int) -> tuple[Any, Any]:
-        """Pinocchio's joint, and the rotation that makes its zero MuJoCo's zero (the file's pose is at `ref`)."""
-        axis = np.array(self.mj.jnt_axis[j])
-        identity = pin.SE3.Identity()
-        match self.mj.jnt_type[j]:
-            case mujoco.mjtJoint.mjJNT_HINGE:
-                ref = float(self.mj.qpos0[self.mj.jnt_qposadr[j]])
-                return pin.JointModelRevoluteUnaligned(axis), pin.SE3(pin.exp3(-ref * axis), np.zeros(3))
-            case mujoco.mjtJoint.mjJNT_SLIDE:
-                ref = float(self.mj.qpos0[self.mj.jnt_qposadr[j]])
-                return pin.JointModelPrismaticUnaligned(axis), pin.SE3(np.eye(3), -ref * axis)
-            case mujoco.mjtJoint.mjJNT_BALL:
-                return pin.JointModelSpherical(), identity
-            case _:
-                return pin.JointModelFreeFlyer(), identity
-
-    def _attach(self, body: int, joint: int, pose: Any) -> None:
-        mj = self.mj
-        self._joint_of_body[body], self._pose_of_body[body] = joint, pose
-        turn = _rotation(mj.body_iquat[body])
-        tensor = turn @ np.diag(mj.body_inertia[body]) @ turn.T
-        inertia = pin.Inertia(float(mj.body_mass[body]), np.array(mj.body_ipos[body]), 0.5 * (tensor + tensor.T))
-        self.model.appendBodyToJoint(joint, inertia, pose)
-        self.model.addFrame(pin.Frame(self.body_name(body), joint, pose, pin.FrameType.BODY), False)
-        for site in np.flatnonzero(mj.site_bodyid == body).tolist():
-            if name := mj.site(site).name:
-                placement = pose * _pose(mj.site_quat[site], mj.site_pos[site])
-                self.model.addFrame(pin.Frame(name, joint, placement, pin.FrameType.OP_FRAME), False)
-
-    # -- values by joint ------------------------------------------------------------------------------------------
-    def set_joint_values(self) -> None:
-        mj, model = self.mj, self.model
-        lower, upper = np.full(model.nq, -np.inf), np.full(model.nq, np.inf)
-        effort, armature, damping, friction = np.full(model.nv, np.inf), *np.zeros((3, model.nv))
-        for joint, j in self._mj_joint.items():
-            if model.joints[joint].nv != 1:
-                continue
-            q, v, dof = model.joints[joint].idx_q, model.joints[joint].idx_v, int(mj.jnt_dofadr[j])
-            if mj.jnt_limited[j]:
-                lower[q], upper[q] = mj.jnt_range[j]
-            armature[v], damping[v] = mj.dof_armature[dof], mj.dof_damping[dof]
-            friction[v], effort[v] = mj.dof_frictionloss[dof], self._effort(j)
-        model.lowerPositionLimit, model.upperPositionLimit = lower, upper
-        model.armature, model.damping = armature, damping
-        model.upperDryFrictionLimit, model.lowerDryFrictionLimit = friction, -friction
-        model.upperEffortLimit, model.lowerEffortLimit = effort, -effort
-        model.upperVelocityLimit, model.lowerVelocityLimit = np.full(model.nv, np.inf), np.full(model.nv, -np.inf)
+    def _joint(self, j: int) -> tuple[FileJoint, Array, Array]:
+        """A joint, and the turn and way by which its zero becomes MuJoCo's zero (the file's pose is at `ref`)."""
+        mj, axis, dof = self.mj, np.array(self.mj.jnt_axis[j]), int(self.mj.jnt_dofadr[j])
+        kinds = {int(mujoco.mjtJoint.mjJNT_HINGE): "turns", int(mujoco.mjtJoint.mjJNT_SLIDE): "slides"}
+        kind: Any = kinds.get(int(mj.jnt_type[j]), "other")
+        ref = float(mj.qpos0[mj.jnt_qposadr[j]]) if kind != "other" else 0.0
+        lower, upper = mj.jnt_range[j].tolist() if mj.jnt_limited[j] else (-np.inf, np.inf)
+        limits = JointLimits(lower, upper, effort=self._effort(j))
+        values = (float(x[dof]) for x in (mj.dof_armature, mj.dof_damping, mj.dof_frictionloss))
+        joint = FileJoint(self._joint_name(j), kind, axis, limits, JointDynamics(*values))
+        if kind == "turns":
+            return joint, _rotation(np.array([cos(0.5 * ref), *(-sin(0.5 * ref) * axis)])), np.zeros(3)
+        return joint, np.eye(3), -ref * axis
 
     def _effort(self, j: int) -> float:
         """Largest torque [N·m] allowed by the joint's own limit and its actuators' ranges."""
@@ -292,17 +240,13 @@ class _Builder:
                 size = np.array(mj.geom_size[g])
                 full = {"sphere": size[:1], "box": 2 * size}.get(kind, np.array([size[0], 2 * size[1]]))
                 turn, place = _rotation(mj.geom_quat[g]), np.array(mj.geom_pos[g])
-                yield Shape(self.body_name(body), kind, tuple(map(float, full)), turn, place)
+                yield Shape(self._body_name(body), kind, tuple(map(float, full)), turn, place)
 
 
 def _rotation(quaternion_wxyz: Array) -> Array:
     matrix = np.zeros(9)
     mujoco.mju_quat2Mat(matrix, np.array(quaternion_wxyz))
     return matrix.reshape(3, 3)
-
-
-def _pose(quaternion_wxyz: Array, translation: Array) -> Any:
-    return pin.SE3(_rotation(quaternion_wxyz), np.array(translation))
 
 
 # -- writing ---------------------------------------------------------------------------------------------------------

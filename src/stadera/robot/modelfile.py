@@ -1,53 +1,117 @@
-"""Output of the model readers: one file as a Pinocchio model, with the data that Pinocchio does not keep."""
+"""Output of the model readers: a URDF or MJCF as a tree of its links, before trunk and legs are known."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Literal
 
 import numpy as np
 
 from stadera.errors import ModelError
-from stadera.robot.model import Shape
+from stadera.inertia import InertialParameters
+from stadera.robot.model import JointDynamics, JointLimits, Shape
 from stadera.types import Array
 
 
 @dataclass(frozen=True, eq=False)
+class FileJoint:
+    """A joint of a model file: it turns about or slides along a unit axis (3,) in its own frame, or is of another kind,
+    which stays at zero.
+    """
+
+    name: str
+    kind: Literal["turns", "slides", "other"]
+    axis: Array
+    limits: JointLimits
+    dynamics: JointDynamics
+
+
+@dataclass(frozen=True, eq=False)
+class FileLink:
+    """A link of a model file; all quantities in its frame, which is that of its joint.
+
+    Attributes:
+        name: of the link. parent: place of the link that carries it; -1 for the root.
+        rotation, translation: (3, 3) and (3,) [m], pose in the parent's frame at zero.
+        body: its own ten parameters, before any merging. joint: None if it is fixed to its parent.
+        origin: (3,) [m], of the file's own frame of the link, which has the same axes.
+    """
+
+    name: str
+    parent: int
+    rotation: Array
+    translation: Array
+    body: InertialParameters
+    joint: FileJoint | None = None
+    origin: Array = field(default_factory=lambda: np.zeros(3))
+
+
+@dataclass(frozen=True, eq=False)
 class ModelFile:
-    """A model file that has been read but not yet interpreted as a quadruped."""
+    """A model file that has been read but not yet interpreted as a robot.
+
+    Attributes:
+        path, name: of the file, and of the model in it.
+        links: the root first, each after its parent.
+        trunk: name of the trunk link, which is the root or fixed to it.
+        sites: named frames besides the links: place of their link, and pose in it.
+        shapes: primitive shapes, each in the file's own frame of its link.
+
+    Raises:
+        ModelError: a mass that is negative or not finite.
+    """
 
     path: Path
     name: str
-    model: Any  # `pinocchio.Model`; its joint 1 is the trunk's free-flyer, and every link of the file has a BODY frame
-    trunk: str  # name of the trunk link
-    links: Mapping[str, str]  # name of the link that each joint moves, by joint name
-    masses: Mapping[str, float]  # mass of every single link of the file [kg], before any merging
-    shapes: tuple[Shape, ...]  # primitive shapes, each on a link of the file and in that link's frame
+    links: tuple[FileLink, ...]
+    trunk: str
+    sites: Mapping[str, tuple[int, Array, Array]]
+    shapes: tuple[Shape, ...]
 
     def __post_init__(self) -> None:
-        for link, mass in self.masses.items():
-            if mass < 0 or not np.isfinite(mass):
-                raise ModelError(f"{self.path}: link {link!r} has mass {mass:g} kg; a mass is not negative")
+        for link in self.links:
+            if link.body.mass < 0 or not np.isfinite(link.body.mass):
+                raise ModelError(f"{self.path}: link {link.name!r} has mass {link.body.mass:g} kg; it is not negative")
 
+    @cached_property
+    def joints(self) -> tuple[int, ...]:
+        """Places of the links that have a joint."""
+        return tuple(k for k, link in enumerate(self.links) if link.joint is not None)
 
-def joint_axis(joint: Any) -> Array | None:
-    """Unit axis (3,) of a Pinocchio revolute joint model in its own frame; None for any other kind of joint."""
-    return _axis(joint, slice(3, 6))
+    def joint(self, k: int) -> FileJoint:
+        """The joint of the link at a place."""
+        joint = self.links[k].joint
+        assert joint is not None
+        return joint
 
+    def above(self, k: int) -> int:
+        """Place of the next link above one that has a joint, or of the root."""
+        k = self.links[k].parent
+        return k if k <= 0 or self.links[k].joint is not None else self.above(k)
 
-def moving_axis(joint: Any) -> Array | None:
-    """The same of a revolute or prismatic joint model."""
-    about = joint_axis(joint)
-    return _axis(joint, slice(0, 3)) if about is None else about
+    def carried(self, moving: Collection[int]) -> list[tuple[int, Array, Array]]:
+        """With all joints at zero but those of some links: for each link the place of the one that moves it, itself
+        or the root perhaps, and its pose in that one's frame.
+        """
+        found: list[tuple[int, Array, Array]] = []
+        for k in range(len(self.links)):
+            if k == 0 or k in moving:
+                found.append((k, np.eye(3), np.zeros(3)))
+            else:
+                found.append(self.placed(found, k))
+        return found
 
+    def placed(self, carried: list[tuple[int, Array, Array]], k: int) -> tuple[int, Array, Array]:
+        """The place of the moving link that carries a link's joint, and its frame's pose in that one's at zero."""
+        at, R, p = carried[self.links[k].parent]
+        return at, R @ self.links[k].rotation, p + R @ self.links[k].translation
 
-def _axis(joint: Any, part: slice) -> Array | None:
-    """Unit vector of a part of the joint's motion, linear above angular; None if it has none."""
-    if joint.nv != 1:
-        return None
-    data = joint.createData()
-    zero_angle = np.array([0.0]) if joint.nq == 1 else np.array([1.0, 0.0])  # an unbounded joint has (cos, sin)
-    joint.calc(data, zero_angle)
-    axis = np.asarray(data.S).reshape(6)[part]
-    length = float(np.linalg.norm(axis))
-    return axis / length if length > 0.5 else None
+    def lumped(self, carried: list[tuple[int, Array, Array]]) -> dict[int, InertialParameters]:
+        """By place, the ten parameters of each moving link with everything that it carries."""
+        found: dict[int, InertialParameters] = {}
+        for link, (at, R, p) in zip(self.links, carried, strict=True):
+            found[at] = found.get(at, InertialParameters.zero()) + link.body.transformed(R, p)
+        return found

@@ -1,33 +1,24 @@
-"""Reads and writes URDF: bodies and joints through Pinocchio, shapes and single links from the XML.
-
-urdfdom ignores an inertial that it cannot parse (ixx="0,05"). So every number that is used is parsed here as well, and
-Pinocchio's inertia of each moving link is compared with the sum over the links fixed to it.
-"""
+"""Reads and writes URDF. A number that cannot be parsed (ixx="0,05") is refused; other readers ignore its element."""
 
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal, get_args
 
 import numpy as np
-import pinocchio as pin
 
-from stadera.constants import ROUNDING, SAME
 from stadera.errors import ModelError
 from stadera.inertia import InertialParameters
 from stadera.limits import Limits
-from stadera.robot.model import JointDynamics, Shape
-from stadera.robot.modelfile import ModelFile
+from stadera.robot.model import JointDynamics, JointLimits, Shape
+from stadera.robot.modelfile import FileJoint, FileLink, ModelFile
 from stadera.robot.xml import Document, PayloadLink, check_free, description, element, named, numbers, put_child
 from stadera.types import Array
 
 _DUMMY_MASS_RATIO = 1e-3  # a root this light compared with its fixed child is only the root of the tree
-_JOINT_NUMBERS = {
-    "origin": {"xyz": 3, "rpy": 3},
-    "axis": {"xyz": 3},
-    "limit": {"lower": 1, "upper": 1, "velocity": 1, "effort": 1},
-    "dynamics": {"damping": 1, "friction": 1},
-}
+_KINDS: dict[str, Any] = {"revolute": "turns", "continuous": "turns", "prismatic": "slides", "fixed": "fixed"}
+_KINDS |= dict.fromkeys(("floating", "planar"), "other")
 _TENSOR = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 _Kind = Literal["box", "sphere", "cylinder", "capsule"]
 _SIZES: dict[_Kind, tuple[tuple[str, int], ...]] = {
@@ -38,91 +29,103 @@ _SIZES: dict[_Kind, tuple[tuple[str, int], ...]] = {
 }
 
 
-def read_urdf(path: Path, root: ET.Element) -> ModelFile:
-    """Reads a URDF whose XML has been parsed, and whose chains of joints are short enough (`require_depth`). Raises
-    ModelError: Pinocchio cannot build a model from it, a number is malformed, or a link's mass is negative.
+def read_urdf(path: Path, root: ET.Element, limits: Limits) -> ModelFile:
+    """Reads a URDF whose XML has been parsed. Raises ModelError: its joints are no tree, a number is malformed, or a
+    link's mass is negative. LimitError: a chain of joints is too long.
     """
     try:
-        bodies = {_name(link): _body(link) for link in root.findall("link")}
+        links = _tree(root)
         shapes = tuple(shape for link in root.findall("link") for shape in _link_shapes(link))
-        children = {_name(joint): _child(joint) for joint in root.findall("joint")}
-        for joint in root.findall("joint"):
-            _check_joint(joint)
-        model = _build(ET.tostring(root, "unicode"))
-        _check_bodies(model, bodies)
     except ModelError as error:
         raise ModelError(f"{path}: {error}") from error
-    masses = {link: body.mass for link, body in bodies.items()}
-    return ModelFile(
-        path=path,
-        name=root.get("name") or path.stem,
-        model=model,
-        trunk=_trunk_name(model, masses, _with_mesh(root), {shape.link for shape in shapes}),
-        links={name: children[name] for name in model.names if name in children},
-        masses=masses,
-        shapes=shapes,
-    )
+    depth = [0] * len(links)
+    for k, link in enumerate(links[1:], start=1):
+        depth[k] = depth[link.parent] + 1
+        limits.require("depth", depth[k], path, "joints one behind the other")
+    meshed = {_name(link) for link in root.findall("link") if link.find(".//mesh") is not None}
+    file = ModelFile(path, root.get("name") or path.stem, links, links[0].name, {}, shapes)
+    return replace(file, trunk=_trunk_name(file, meshed))
 
 
-def require_depth(root: ET.Element, path: Path, limits: Limits) -> None:
-    """Checks the length of the chains of joints in a URDF. Raises LimitError: a chain is too long."""
-    links = ((joint.find("parent"), joint.find("child")) for joint in root.findall("joint"))
-    above = {c.get("link"): p.get("link") for p, c in links if p is not None and c is not None}
-    depth: dict[str | None, int] = {}
-    for link in above:
-        chain: list[str | None] = []
-        while link in above and link not in depth and len(chain) <= limits.depth:
-            chain.append(link)
-            link = above[link]
-        for k, one in enumerate(reversed(chain), start=1 + depth.get(link, 0)):
-            depth[one] = k
-            limits.require("depth", k, path, "joints one behind the other")
+def _tree(root: ET.Element) -> tuple[FileLink, ...]:
+    """The links from the root outwards, joints on one link by their names. A root that floats on a link, such as the
+    world, is the root.
+    """
+    elements, joints = ({_name(e): e for e in root.findall(tag)} for tag in ("link", "joint"))
+    for tag, named_ones in (("link", elements), ("joint", joints)):
+        if len(named_ones) < len(root.findall(tag)):
+            raise ModelError(f"two {tag}s have one name")
+    below: dict[str, list[str]] = {name: [] for name in elements}
+    above: dict[str, str] = {}
+    for name in sorted(joints):
+        parent, child = (_end(joints[name], tag) for tag in ("parent", "child"))
+        for link in (parent, child):
+            if link not in elements:
+                raise ModelError(f"joint {name!r} is on link {link!r}, which the file does not have")
+        if child in above:
+            raise ModelError(f"link {child!r} has two parents, by joints {above[child]!r} and {name!r}")
+        above[child] = name
+        below[parent].append(name)
+    roots = [link for link in elements if link not in above]
+    if len(roots) != 1:
+        raise ModelError(f"a robot has one root link, and the file {', '.join(roots) or 'none'}")
+    first = next(iter(below[roots[0]]), "")
+    start = _end(joints[first], "child") if first and joints[first].get("type") == "floating" else roots[0]
+    found = [FileLink(start, -1, np.eye(3), np.zeros(3), _body(elements[start]))]
+    waiting = [(0, name) for name in reversed(below[start])]
+    while waiting:
+        at, name = waiting.pop()
+        link = _end(joints[name], "child")
+        pose = _pose(joints[name], joints[name].find("origin"))
+        waiting += [(len(found), each) for each in reversed(below[link])]
+        found.append(FileLink(link, at, *pose, _body(elements[link]), _joint(joints[name])))
+    if start == roots[0] and len(found) < len(elements):
+        raise ModelError("its joints form a ring")
+    return tuple(found)
 
 
-def _build(text: str) -> Any:
-    try:
-        model = pin.buildModelFromXML(text)
-        if model.njoints < 2 or model.joints[1].shortname() != "JointModelFreeFlyer":
-            model = pin.buildModelFromXML(text, pin.JointModelFreeFlyer())
-    except (ValueError, RuntimeError) as error:
-        raise ModelError(f"not a URDF that Pinocchio can build: {str(error).splitlines()[0]}") from error
-    return model
+def _joint(joint: ET.Element) -> FileJoint | None:
+    """The joint of an element; None if it is fixed."""
+    name, kind = _name(joint), joint.get("type", "")
+    if kind not in _KINDS:
+        raise ModelError(f"joint {name!r} is of type {kind!r}; valid: {', '.join(_KINDS)}")
+    found, axis = joint.find("axis"), np.array([1.0, 0.0, 0.0])
+    if found is not None:
+        axis = np.array(_read_numbers(joint, found, "xyz", 3))
+    if _KINDS[kind] == "fixed":
+        return None
+    if _KINDS[kind] != "other" and not (length := float(np.linalg.norm(axis))) > 0.0:
+        raise ModelError(f"joint {name!r} has an axis of no length")
+    limit, dynamics = joint.find("limit"), joint.find("dynamics")
+    if limit is None and kind in ("revolute", "prismatic"):
+        raise ModelError(f"joint {name!r} is of type {kind} and has no <limit>")
+    limits, torques = JointLimits(), JointDynamics()
+    if limit is not None:
+        lower, upper = (_read_numbers(joint, limit, each, 1)[0] for each in ("lower", "upper"))
+        most = [_read_numbers(joint, limit, each, 1, required=True)[0] for each in ("velocity", "effort")]
+        limits = JointLimits(*((-np.inf, np.inf) if kind == "continuous" else (lower, upper)), *most)
+    if dynamics is not None:
+        damping, friction = (_read_numbers(joint, dynamics, each, 1)[0] for each in ("damping", "friction"))
+        torques = JointDynamics(viscous=damping, coulomb=friction)
+    return FileJoint(name, _KINDS[kind], axis / (length if _KINDS[kind] != "other" else 1.0), limits, torques)
 
 
-def _check_bodies(model: Any, bodies: Mapping[str, InertialParameters]) -> None:
-    """Compares each of Pinocchio's moving bodies with the sum of the file's links on it."""
-    expected: dict[int, InertialParameters] = {}
-    links: dict[int, list[str]] = {}
-    for frame in model.frames:
-        if frame.type == pin.FrameType.BODY and frame.name in bodies:
-            joint, pose = frame.parentJoint, frame.placement
-            body = bodies[frame.name].transformed(pose.rotation, pose.translation)
-            expected[joint] = expected.get(joint, InertialParameters.zero()) + body
-            links.setdefault(joint, []).append(frame.name)
-    for joint, body in expected.items():
-        found = InertialParameters.from_pinocchio(model.inertias[joint]).vector
-        size = np.repeat([np.linalg.norm(part) for part in np.split(body.vector, [1, 4])], [1, 3, 6])
-        if joint and (np.abs(found - body.vector) > SAME * size + ROUNDING).any():
-            raise ModelError(f"Pinocchio reads other inertial values than the file states: {', '.join(links[joint])}")
-
-
-def _trunk_name(model: Any, masses: Mapping[str, float], meshed: set[str], shaped: set[str]) -> str:
+def _trunk_name(file: ModelFile, meshed: set[str]) -> str:
     """The root link; if that is a dummy (no mass, no mesh), the heaviest link with a shape that is fixed to it at
     identity.
     """
-    fixed = [f for f in model.frames if f.type == pin.FrameType.BODY and f.parentJoint == 1]
-    root: str = fixed[0].name
-    bodies = [f.name for f in fixed if f.placement.isIdentity(1e-9) and f.name in meshed | shaped]
-    heaviest: str = max(bodies, key=lambda name: masses[name], default=root)
-    dummy = root not in meshed and masses[root] < _DUMMY_MASS_RATIO * masses[heaviest]
-    return heaviest if dummy else root
+    root, shown = file.links[0], meshed | {shape.link for shape in file.shapes}
+    there = [
+        link
+        for link, (at, R, p) in zip(file.links, file.carried(file.joints), strict=True)
+        if at == 0 and link.name in shown and max(np.abs(R - np.eye(3)).max(), np.abs(p).max()) < 1e-9
+    ]
+    heaviest = max(there, key=lambda link: link.body.mass, default=root)
+    dummy = root.name not in meshed and root.body.mass < _DUMMY_MASS_RATIO * heaviest.body.mass
+    return (heaviest if dummy else root).name
 
 
 # -- elements of the XML ----------------------------------------------------------------------------------------------
-def _with_mesh(root: ET.Element) -> set[str]:
-    return {_name(link) for link in root.findall("link") if link.find(".//mesh") is not None}
-
-
 def _name(element: ET.Element) -> str:
     name = element.get("name")
     if not name:
@@ -130,18 +133,12 @@ def _name(element: ET.Element) -> str:
     return name
 
 
-def _child(joint: ET.Element) -> str:
-    child = joint.find("child")
-    if child is None or not child.get("link"):
-        raise ModelError(f"joint {_name(joint)!r} has no child link")
-    return str(child.get("link"))
-
-
-def _check_joint(joint: ET.Element) -> None:
-    for tag, attributes in _JOINT_NUMBERS.items():
-        if (element := joint.find(tag)) is not None:
-            for attribute, count in attributes.items():
-                _read_numbers(joint, element, attribute, count)
+def _end(joint: ET.Element, tag: str) -> str:
+    """The link at one end of a joint, its parent or child."""
+    end = joint.find(tag)
+    if end is None or not end.get("link"):
+        raise ModelError(f"joint {_name(joint)!r} has no {tag} link")
+    return str(end.get("link"))
 
 
 def _body(link: ET.Element) -> InertialParameters:
@@ -179,7 +176,9 @@ def _pose(owner: ET.Element, origin: ET.Element | None) -> tuple[Array, Array]:
     if origin is None:
         return np.eye(3), np.zeros(3)
     turn, place = (_read_numbers(owner, origin, attribute, 3) for attribute in ("rpy", "xyz"))
-    return pin.rpy.rpyToMatrix(*turn), np.array(place)
+    (a, b, c), (ca, cb, cc) = np.sin(turn), np.cos(turn)  # of roll, pitch and yaw about fixed axes
+    x, y = [cc * cb, cc * b * a - c * ca, cc * b * ca + c * a], [c * cb, c * b * a + cc * ca, c * b * ca - cc * a]
+    return np.array([x, y, [-b, cb * a, cb * ca]]), np.array(place)
 
 
 def _read_numbers(
