@@ -98,8 +98,7 @@ def test_neighbours_are_not_looked_at(hyq: Robot) -> None:
     )
     clearance = Clearance.of(robot, "RH", REST)
     looked_at = {
-        frozenset((clearance.moving[p.first].link, (clearance.still if p.still else clearance.moving)[p.second].link))
-        for p in clearance.pairs
+        frozenset((clearance.shapes[one].link, clearance.shapes[other].link)) for one, other, _ in clearance.pairs
     }
     assert not looked_at & {frozenset((hyq.trunk, first)), frozenset((first, second)), frozenset((second, third))}
 

@@ -6,14 +6,14 @@ a negative one is the penetration depth.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
 import coal
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import map_coordinates
 
 from stadera.errors import IdentificationError
@@ -24,27 +24,29 @@ from stadera.types import Array
 
 
 @dataclass(frozen=True, eq=False)
-class _Pair:
-    """A pair of shapes, the first one moving; `allowed` is their least permitted distance [m]."""
-
-    first: int
-    second: int  # index among the moving shapes, or among the fixed ones if `still`
-    still: bool
-    allowed: float
-
-
-@dataclass(frozen=True, eq=False)
 class Clearance:
-    """Bodies that one leg could collide with."""
+    """Bodies that one leg could collide with.
 
-    tree: Tree  # of the leg
-    moving: tuple[Shape, ...]  # shapes on the leg's links, foot included
-    still: tuple[Shape, ...]  # shapes of trunk and other legs, with poses in the trunk frame
-    pairs: tuple[_Pair, ...]  # shapes whose distance is checked, excluding those of one link or of neighbouring links
-    ground: float | None  # height of the ground in the trunk frame [m], None for no ground
-    margin: float  # distance to keep [m]; pairs that are closer at rest only need to keep their distance at rest
-    notes: tuple[str, ...] = ()  # pairs whose shapes touch at rest, and which are therefore not checked
-    far: float = 0.1  # distance beyond which a bound from enclosing spheres is used [m]
+    Attributes:
+        tree: of the leg.
+        shapes: on the leg's links, foot included, and those of trunk and other legs, with poses in the trunk frame.
+        links: (shapes,), place in the tree of the link that moves each; 0, the trunk, for what stands still.
+        pairs: places of two shapes, the first one moving, and their least permitted distance [m]; of none of one link
+            or of neighbouring links.
+        ground: height of the ground in the trunk frame [m], None for no ground.
+        margin: distance to keep [m]; pairs that are closer at rest only need to keep their distance at rest.
+        notes: on pairs whose shapes touch at rest, and which are therefore not checked.
+        far: distance beyond which a bound from enclosing spheres is used [m].
+    """
+
+    tree: Tree
+    shapes: tuple[Shape, ...]
+    links: NDArray[np.int64]
+    pairs: tuple[tuple[int, int, float], ...]
+    ground: float | None
+    margin: float
+    notes: tuple[str, ...] = ()
+    far: float = 0.1
 
     @classmethod
     def of(cls, robot: Robot, leg: str, rest: ArrayLike, margin: float = 0.0, ground: float | None = None) -> Clearance:
@@ -55,20 +57,24 @@ class Clearance:
             UnknownNameError: no such leg.
             IdentificationError: the leg is too close to the ground at rest.
         """
-        own = robot.leg(leg)
-        tree = robot.leg_tree(leg)
-        moving = tuple(_with_foot(own, [shape for shape in robot.shapes if shape.link in own.links]))
-        still = tuple(_standing(robot, [link for link in robot.tree.links if link not in own.links]))
-        bare = cls(tree, moving, still, tuple(_candidates(tree, moving, still)), ground, margin)
-        at_rest = np.asarray(rest, dtype=float)[None]
+        own, tree, at_rest = robot.leg(leg), robot.leg_tree(leg), np.asarray(rest, dtype=float)[None]
+        shapes = (*_of_leg(robot, own), *_standing(robot, [link for link in robot.tree.links if link not in own.links]))
+        links = np.array([tree.links.index(s.link) if s.link in own.links else 0 for s in shapes])
+        bare = cls(tree, shapes, links, tuple(_candidates(tree, shapes, links)), ground, margin)
         height = float(bare.height(at_rest)[0])
         if height < margin:
             raise IdentificationError(
                 f"leg {own.name} of robot {robot.name}: at its rest pose its lowest point is {height:.3f} m above the "
                 f"ground, {margin:g} m are asked for; raise the trunk by {margin - height:.3f} m or more"
             )
-        pairs, notes = _evaluated(bare, at_rest)
-        return cls(tree, moving, still, pairs, ground, margin, notes)
+        pairs, touching = [], set()
+        for (one, other, _), distance in zip(bare.pairs, bare.pair_distances(at_rest), strict=True):
+            if distance[0] > 0:
+                pairs.append((one, other, min(margin, float(distance[0]))))
+            else:
+                touching.add((shapes[one].link, shapes[other].link))
+        notes = (f"shapes of {a} and {b} touch at rest: not looked at for clearance" for a, b in sorted(touching))
+        return replace(bare, pairs=tuple(pairs), notes=tuple(notes))
 
     def distance(self, position: Array) -> Array:
         """Least distance to any body at poses (samples, n) [rad], (samples,) [m]; above `far` a lower bound of it."""
@@ -83,66 +89,52 @@ class Clearance:
         if self.ground is None:
             return np.full(len(position), np.inf)
         rotations, centres = self._poses(position)
-        below = np.stack([shape.reach(rotations[:, k, 2]) for k, shape in enumerate(self.moving)], axis=1)
-        lowest: Array = (centres[:, :, 2] - below).min(axis=1)
-        return lowest - self.ground
+        moving = np.flatnonzero(self.links)
+        lowest = [centres[:, k, 2] - self.shapes[k].reach(rotations[:, k, 2]) for k in moving]
+        return np.asarray(np.min(lowest, axis=0) - self.ground)
 
     def _least(self, position: Array, kept: bool) -> Array:
         least = self.height(position) - (self.margin if kept else 0.0)
-        measure = _Measure(self, *self._poses(position))
-        for pair in self.pairs:
-            allowed = pair.allowed if kept else 0.0
+        poses = self._poses(position)
+        for one, other, least_allowed in self.pairs:
+            allowed = least_allowed if kept else 0.0
             # pairs that cannot be the closest need no exact distance
-            least = np.minimum(least, measure(pair, np.minimum(least + allowed, self.far)) - allowed)
+            found = self._apart(poses, one, other, np.minimum(least + allowed, self.far))
+            least = np.minimum(least, found - allowed)
         return least
 
     def pair_distances(self, position: Array) -> Iterator[Array]:
         """Distance of each pair at poses (samples, n) [rad], (samples,) [m]; above `far` a lower bound of it."""
-        measure = _Measure(self, *self._poses(position))
-        return (measure(pair, np.full(len(position), self.far)) for pair in self.pairs)
+        poses, far = self._poses(position), np.full(len(position), self.far)
+        return (self._apart(poses, one, other, far) for one, other, _ in self.pairs)
 
     def _poses(self, position: Array) -> tuple[Array, Array]:
-        """Rotations (samples, shapes, 3, 3) and centres (samples, shapes, 3) of the moving shapes, trunk frame."""
-        rotations, translations = forward_kinematics(self.tree, position)
-        links = [self.tree.links.index(shape.link) for shape in self.moving]
-        own = np.array([shape.rotation for shape in self.moving])
-        offsets = np.array([shape.translation for shape in self.moving])
-        centres = translations[:, links] + (rotations[:, links] @ offsets[:, :, None])[..., 0]
-        return rotations[:, links] @ own, centres
+        """Rotations (samples, shapes, 3, 3) and centres (samples, shapes, 3) of the shapes, trunk frame."""
+        rotations, translations = (values[:, self.links] for values in forward_kinematics(self.tree, position))
+        offsets = np.array([shape.translation for shape in self.shapes])
+        centres = translations + (rotations @ offsets[:, :, None])[..., 0]
+        return rotations @ np.array([shape.rotation for shape in self.shapes]), centres
 
-
-@dataclass(frozen=True, eq=False)
-class _Measure:
-    """Distances of pairs of shapes, for poses of the moving ones in the trunk frame (see `Clearance._poses`)."""
-
-    shapes: Clearance
-    rotations: Array
-    centres: Array
-
-    @cached_property
-    def _solids(self) -> tuple[list[Any], list[Any]]:
-        return [_solid(shape) for shape in self.shapes.moving], [_solid(shape) for shape in self.shapes.still]
-
-    @cached_property
-    def _fixed(self) -> list[Any]:
-        return [coal.Transform3s(shape.rotation, shape.translation) for shape in self.shapes.still]
-
-    def __call__(self, pair: _Pair, within: Array) -> Array:
-        """The pair's distance, (samples,) [m]: exact if it may be below `within` (samples,), else a lower bound."""
-        k, m = pair.first, pair.second
-        other = (self.shapes.still if pair.still else self.shapes.moving)[m]
-        apart = self.centres[:, k] - (other.translation if pair.still else self.centres[:, m])
-        out = np.sqrt(np.einsum("ni,ni->n", apart, apart)) - _enclosing(self.shapes.moving[k]) - _enclosing(other)
+    def _apart(self, poses: tuple[Array, Array], one: int, other: int, within: Array) -> Array:
+        """Distance of two shapes, (samples,) [m]: exact if it may be below `within` (samples,), else a lower bound."""
+        rotations, centres = poses
+        apart = centres[:, one] - centres[:, other]
+        out = (
+            np.sqrt(np.einsum("ni,ni->n", apart, apart)) - _enclosing(self.shapes[one]) - _enclosing(self.shapes[other])
+        )
         near = np.flatnonzero(out < within)
         if len(near):
-            measure = coal.ComputeDistance(self._solids[0][k], self._solids[int(pair.still)][m])
+            measure = coal.ComputeDistance(self._solids[one], self._solids[other])
             request, result = coal.DistanceRequest(), coal.DistanceResult()
             for i in near:
-                pose = coal.Transform3s(self.rotations[i, k], self.centres[i, k])
-                where = self._fixed[m] if pair.still else coal.Transform3s(self.rotations[i, m], self.centres[i, m])
+                places = (coal.Transform3s(rotations[i, k], centres[i, k]) for k in (one, other))
                 result.clear()
-                out[i] = measure(pose, where, request, result)
+                out[i] = measure(*places, request, result)
         return np.asarray(out)
+
+    @cached_property
+    def _solids(self) -> list[Any]:
+        return [_solid(shape) for shape in self.shapes]
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,14 +176,12 @@ def poses_between(lower: Array, upper: Array, most: int) -> tuple[Array, tuple[i
     return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(lower)), (points,) * len(lower)
 
 
-def _with_foot(leg: Leg, shapes: list[Shape]) -> Iterator[Shape]:
-    """Yields the shapes, and the foot's sphere if it is not among them."""
-    yield from shapes
-    foot = np.asarray(leg.foot_position)
-    near = (
-        np.linalg.norm(s.translation - foot) < 1e-3 for s in shapes if s.kind == "sphere" and s.link == leg.links[-1]
-    )
-    if not any(near):
+def _of_leg(robot: Robot, leg: Leg) -> Iterator[Shape]:
+    """Yields the shapes of a leg's links, and the foot's sphere if it is not among them."""
+    own, foot = [shape for shape in robot.shapes if shape.link in leg.links], np.asarray(leg.foot_position)
+    yield from own
+    spheres = [s.translation for s in own if s.kind == "sphere" and s.link == leg.links[-1]]
+    if not any(np.linalg.norm(centre - foot) < 1e-3 for centre in spheres):
         yield Shape(leg.links[-1], "sphere", (leg.foot_radius,), np.eye(3), foot)
 
 
@@ -204,31 +194,15 @@ def _standing(robot: Robot, links: list[str]) -> Iterator[Shape]:
             yield shape.moved(shape.link, rotations[0, k], translations[0, k])
 
 
-def _candidates(tree: Tree, moving: tuple[Shape, ...], still: tuple[Shape, ...]) -> Iterator[_Pair]:
+def _candidates(tree: Tree, shapes: Sequence[Shape], links: NDArray[np.int64]) -> Iterator[tuple[int, int, float]]:
     """Yields pairs of shapes whose links are neither the same nor neighbours."""
     parent = {link: tree.links[tree.parents[i]] for i, link in enumerate(tree.links[1:])}
-    solid = [k for k, shape in enumerate(moving) if shape.size[0] > 0]
+    solid = [k for k, shape in enumerate(shapes) if shape.size[0] > 0 or not links[k]]
     for k in solid:
-        link = moving[k].link
-        for m, other in enumerate(still):
-            if other.link != parent[link]:
-                yield _Pair(k, m, True, 0.0)
-        for m in solid:
-            if m < k and moving[m].link not in (link, parent[link]) and parent[moving[m].link] != link:
-                yield _Pair(k, m, False, 0.0)
-
-
-def _evaluated(bare: Clearance, rest: Array) -> tuple[tuple[_Pair, ...], tuple[str, ...]]:
-    """The pairs that are apart at rest, with their distances to keep, and a note on the others."""
-    pairs, touching = [], set()
-    for pair, distance in zip(bare.pairs, bare.pair_distances(rest), strict=True):
-        other = (bare.still if pair.still else bare.moving)[pair.second]
-        if distance[0] > 0:
-            pairs.append(_Pair(pair.first, pair.second, pair.still, min(bare.margin, float(distance[0]))))
-        else:
-            touching.add((bare.moving[pair.first].link, other.link))
-    notes = (f"shapes of {a} and {b} touch at rest: not looked at for clearance" for a, b in sorted(touching))
-    return tuple(pairs), tuple(notes)
+        for m in (m for m in solid if links[k] and (m < k or not links[m])):
+            one, other = shapes[k].link, shapes[m].link
+            if other not in (one, parent[one]) and parent.get(other) != one:
+                yield k, m, 0.0
 
 
 def _solid(shape: Shape) -> Any:
