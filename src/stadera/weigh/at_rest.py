@@ -18,6 +18,7 @@ The payload is the difference between the poses held since the tare and those be
 from __future__ import annotations
 
 import re
+from bisect import bisect_right
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
@@ -25,7 +26,6 @@ from itertools import pairwise
 from math import degrees, hypot, isnan, sqrt
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
 from stadera.constants import GRAVITY
@@ -95,33 +95,25 @@ class _OpenBlock:
     """A block that is still being filled, and its measurements as far as they are of a load's poses."""
 
     begin: float
-    count: int = 0
-    mass: float = 0.0
-    squares: float = 0.0
-    load: Array | float = 0.0
     held: list[Measurement] = field(default_factory=list)
+    loads: list[Array] = field(default_factory=list)  # (L,) [N] each, vertical forces of the feet
     in_pose: bool = True  # False once a tare was taken within it
-    last: tuple[ContactForces, Measurement] | None = None
 
-    def add(self, m: Measurement, forces: ContactForces, leg_mass: float) -> None:
-        load = forces.vertical(m.up)
-        self.count += 1
-        away = float(load.sum()) / GRAVITY - leg_mass - self.mass
-        self.mass += away / self.count
-        self.squares += away**2 * (1.0 - 1.0 / self.count)
-        self.load = self.load + load
-        self.last = (forces, m)
+    def add(self, m: Measurement, forces: ContactForces) -> None:
         self.held.append(m)
+        self.loads.append(forces.vertical(m.up))
 
-    def closed(self, robot: Robot, fewest: int = 3) -> RestBlock | None:
+    def closed(self, forces_of: ContactForceEstimator, fewest: int = 3) -> RestBlock | None:
         """The block; None if it has too few samples."""
-        if self.last is None or self.count < fewest:
+        m, n = self.held[-1], len(self.held)
+        if n < fewest:
             return None
-        forces, m = self.last
-        sensitivity, n = felt_by_mass(forces, m, robot), self.count
+        load, forces = np.array(self.loads), forces_of.at(m)
+        masses = load.sum(axis=1) / GRAVITY - forces_of.leg_mass
+        sensitivity = felt_by_mass(forces, m, forces_of.robot)
         white = float(sensitivity[: len(forces.left)] ** 2 @ forces.noise.torque_white**2)
-        variance = max(white, self.squares / (n - 1)) / n
-        return RestBlock(self.begin, m.time, n, self.mass, variance, sensitivity, np.asarray(self.load / n))
+        variance = max(white, float(masses.var(ddof=1))) / n
+        return RestBlock(self.begin, m.time, n, float(masses.mean()), variance, sensitivity, load.mean(axis=0))
 
 
 @dataclass
@@ -203,7 +195,7 @@ class AtRest(StepEstimator):
                 self._refused.append(self._moves.until(m.time))
                 self._moves = None
             self._open = self._open or _OpenBlock(m.time)
-            self._open.add(m, forces, self._forces.leg_mass)
+            self._open.add(m, forces)
         for load in (self._load, self._next):
             if load is not None:
                 load.estimator.update(m)
@@ -228,7 +220,7 @@ class AtRest(StepEstimator):
     def _close(self) -> None:
         """Ends the open block; decides whether the load changed."""
         opened, self._open = self._open, None
-        block = None if opened is None else opened.closed(self.robot)
+        block = None if opened is None else opened.closed(self._forces)
         if opened is None or block is None or self._load is None:
             return
         self.blocks.append(block)
@@ -440,9 +432,9 @@ class AtRest(StepEstimator):
         """Variance of the blocks' masses about the mean of their load, divided by the stated one; NaN for too few
         blocks. Disturbances are excluded. Each mean takes one degree of freedom.
         """
-        squares, freedom = 0.0, -len(self._means)
-        for block, at in zip(self.blocks, levels(self.blocks, self._means), strict=True):
-            mean = self._means[at]
+        squares, freedom, starts = 0.0, -len(self._means), [mean.begin for mean in self._means[1:]]
+        for block in self.blocks:
+            mean = self._means[bisect_right(starts, block.begin)]
             if not self._departs(mean, block):
                 variance = block.variance_from(replace(mean, variance=0.0), self._prior.covariance)
                 squares, freedom = squares + (block.mass - mean.mass) ** 2 / variance, freedom + 1
@@ -464,12 +456,6 @@ class AtRest(StepEstimator):
         moved = [*self._refused, *([] if self._moves is None else [self._moves.until(self._time)])]
         longest = max(moved, key=lambda r: r.end - r.begin, default=None)
         return "" if longest is None else longest.reason
-
-
-def levels(blocks: Sequence[RestBlock], means: Sequence[RestBlock]) -> NDArray[np.int64]:
-    """Number of changes before each block, (blocks,)."""
-    starts = [mean.begin for mean in means[1:]]
-    return np.searchsorted(starts, [block.begin for block in blocks], side="right").astype(np.int64)
 
 
 def change_variance(before: RestBlock, after: RestBlock, errors: ConstantErrors) -> float:

@@ -37,7 +37,17 @@ from stadera.trunk.measurement import Measurement
 from stadera.trunk.standing.forces import ContactForces
 from stadera.types import Array, Bools
 
-_CHANNELS = ("joint_position", "joint_velocity", "effort", "angular_velocity", "specific_force")
+_SPOKEN = {
+    "time": "time",
+    "joint_position": "joint position",
+    "joint_velocity": "joint velocity",
+    "effort": "effort",
+    "angular_velocity": "angular velocity",
+    "specific_force": "specific force",
+    "rotation": "orientation",
+    "foot_position": "foot position",
+}
+"""Channels of a measurement, as they are named to people."""
 
 
 @dataclass(frozen=True)
@@ -243,24 +253,12 @@ class StaticDetector:
 
 def not_finite(m: Measurement, joints: tuple[str, ...]) -> str:
     """Describes the values of a measurement that are not finite; empty if all are finite."""
-    total = m.time + m.joint_position.sum() + m.joint_velocity.sum() + m.effort.sum()
-    total += m.angular_velocity.sum() + m.specific_force.sum()
-    if m.rotation is not None:
-        total += m.rotation.sum()
-    if m.foot_position is not None:
-        total += m.foot_position.sum()
-    if isfinite(total):
+    values = {name: getattr(m, name) for name in _SPOKEN if getattr(m, name) is not None}
+    if isfinite(sum(float(np.sum(value)) for value in values.values())):
         return ""
-    if not isfinite(m.time):
-        return "not finite: time"
-    for name in _CHANNELS:
-        values = getattr(m, name)
-        if not np.isfinite(values).all():
-            what = name.replace("_", " ")
-            if len(values) != len(joints):
-                return f"not finite: {what}"
-            return f"not finite: {what} of joint {joints[int(np.argmin(np.isfinite(values)))]!r}"
-    return f"not finite: {'foot position' if m.rotation is None or np.isfinite(m.rotation).all() else 'orientation'}"
+    name, value = next((name, value) for name, value in values.items() if not np.isfinite(value).all())
+    joint = f" of joint {joints[int(np.argmin(np.isfinite(value)))]!r}" if np.shape(value) == (len(joints),) else ""
+    return f"not finite: {_SPOKEN[name]}{joint}"
 
 
 def stretched(forces: ContactForces, robot: Robot, meant: Bools | None = None) -> str:

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -52,36 +53,28 @@ class PoseMean:
     """Running mean of similar samples, of which there are `count`."""
 
     def __init__(self, first: Measurement) -> None:
-        self._first = first
-        self._q, self._effort = first.joint_position.copy(), first.effort.copy()
-        self._up, self._extra = first.up.copy(), first.extra.copy()
-        self._feet = None if first.foot_position is None else first.foot_position.copy()
-        self._foot_squares, self._effort_squares = 0.0, np.zeros((len(self._effort), len(self._effort)))
+        self._first, self._mean = first, {name: value.copy() for name, value in _averaged(first).items()}
+        self._foot_squares, self._effort_squares = 0.0, np.zeros((len(first.effort), len(first.effort)))
         self.count = 1
 
     def takes(self, m: Measurement, alike: Alike) -> bool:
         """Adds a sample if it is similar and the same legs are in stance; returns whether it was added."""
-        up, k = m.up, len(self._extra) // 3
-        if _meant(m) != _meant(self._first) or (m.foot_position is None) != (self._feet is None):
+        values, k = _averaged(m), len(m.extra) // 3
+        if _meant(m) != _meant(self._first) or values.keys() != self._mean.keys():
             return False
-        if float(np.abs(m.joint_position - self._q).max()) > alike.joint:
+        away = {name: value - self._mean[name] for name, value in values.items()}
+        joints = np.append(away["joint_position"], away["extra"][:k])
+        if float(np.abs(joints).max()) > alike.joint:
             return False
-        if k and float(np.abs(m.extra[:k] - self._extra[:k]).max()) > alike.joint:
-            return False
-        if not m.vertical_by_forces and float(np.abs(up - self._up).max()) > alike.tilt:
+        if not m.vertical_by_forces and float(np.abs(away["up"]).max()) > alike.tilt:
             return False
         self.count += 1
         share = 1.0 / self.count
-        self._q += share * (m.joint_position - self._q)
-        self._extra += share * (m.extra - self._extra)
-        scatter = m.effort - self._effort
-        self._effort += share * scatter
-        self._effort_squares += (1.0 - share) * np.outer(scatter, scatter)
-        self._up += share * (up - self._up)
-        if self._feet is not None and m.foot_position is not None:
-            away = m.foot_position - self._feet
-            self._feet += share * away
-            self._foot_squares += (1.0 - share) * float((away * away).sum())
+        for name, value in away.items():
+            self._mean[name] += share * value
+        self._effort_squares += (1.0 - share) * np.outer(away["effort"], away["effort"])
+        if "foot_position" in away:
+            self._foot_squares += (1.0 - share) * float((away["foot_position"] ** 2).sum())
         return True
 
     @property
@@ -92,23 +85,23 @@ class PoseMean:
     @property
     def foot_variance(self) -> float:
         """Variance of each component of the feet's mean positions [m²] from their scatter; 0 if not measured."""
-        values = 1 if self._feet is None else self._feet.size
+        values = self._mean["foot_position"].size if "foot_position" in self._mean else 1
         return self._foot_squares / (values * max(self.count - 1, 1) * self.count)
 
     @property
     def measurement(self) -> Measurement:
         """The mean, as a measurement at rest."""
-        return replace(
-            self._first,
-            joint_position=self._q.copy(),
-            joint_velocity=np.zeros_like(self._q),
-            effort=self._effort.copy(),
-            angular_velocity=np.zeros(3),
-            specific_force=GRAVITY * self._up / np.linalg.norm(self._up),
-            rotation=None,
-            extra=self._extra.copy(),
-            foot_position=None if self._feet is None else self._feet.copy(),
-        )
+        mean: dict[str, Any] = {name: value.copy() for name, value in self._mean.items()}
+        up, still = mean.pop("up"), np.zeros_like(mean["effort"])
+        force = GRAVITY * up / np.linalg.norm(up)
+        at_rest: dict[str, Any] = {"joint_velocity": still, "angular_velocity": np.zeros(3), "rotation": None}
+        return replace(self._first, specific_force=force, **mean, **at_rest)
+
+
+def _averaged(m: Measurement) -> dict[str, Array]:
+    """What is averaged over a pose."""
+    values = {"joint_position": m.joint_position, "effort": m.effort, "up": m.up, "extra": m.extra}
+    return values if m.foot_position is None else values | {"foot_position": m.foot_position}
 
 
 def gather(poses: list[PoseMean], m: Measurement, alike: Alike, most: int) -> None:
