@@ -52,33 +52,22 @@ def nominal_feet(robot: Robot) -> Array:
 
 @lru_cache(maxsize=16)
 def _standing(robot: Robot, settings: StanceSettings) -> Array:
-    if any(len(leg.joints) != 3 for leg in robot.legs):
-        return _raised(robot, settings)
-    heights = _hips(robot)[:, 2]
-    stretched = np.array([_stretched(robot, leg) for leg in robot.legs])
-    for extension in settings.extensions:
-        ground = float(np.mean(heights - extension * stretched))
-        found = [_solve_leg(robot, leg, ground, settings) for leg in robot.legs]
-        q = np.zeros(len(robot.tree.joints))
-        for leg, angles in zip(robot.legs, found, strict=True):
-            if angles is None:
-                break
-            q[[robot.tree.joints.index(name) for name in leg.joints]] = angles
-        else:
-            return q
-    raise ModelError(f"robot {robot.name}: no stance with the feet below the hips within the joints' limits")
-
-
-def _raised(robot: Robot, settings: StanceSettings) -> Array:
-    """The stance of a robot of which a leg has more than three joints."""
-    for share in settings.raised:
-        found = [_raised_leg(robot, leg, share * robot.leg_length, settings) for leg in robot.legs]
+    if all(len(leg.joints) == 3 for leg in robot.legs):
+        heights, stretched = _hips(robot)[:, 2], np.array([_stretched(robot, leg) for leg in robot.legs])
+        lacking = "the feet below the hips within the joints' limits"
+        grounds = (float(np.mean(heights - extension * stretched)) for extension in settings.extensions)
+        tried = ([_solve_leg(robot, leg, ground, settings) for leg in robot.legs] for ground in grounds)
+    else:
+        lacking = "the feet raised from where they are with all joints at zero"
+        raised = (share * robot.leg_length for share in settings.raised)
+        tried = ([_raised_leg(robot, leg, height, settings) for leg in robot.legs] for height in raised)
+    for found in tried:
         if all(angles is not None for angles in found):
             q = np.zeros(len(robot.tree.joints))
             for leg, angles in zip(robot.legs, found, strict=True):
                 q[[robot.tree.joints.index(name) for name in leg.joints]] = angles
             return q
-    raise ModelError(f"robot {robot.name}: no stance with the feet raised from where they are with all joints at zero")
+    raise ModelError(f"robot {robot.name}: no stance with {lacking}")
 
 
 def _raised_leg(robot: Robot, leg: Leg, height: float, settings: StanceSettings) -> Array | None:
