@@ -12,6 +12,7 @@ from stadera.body import Body
 from stadera.body import Motion as BodyMotion
 from stadera.errors import MissingExtraError, ModelError
 from stadera.inertia import skew
+from stadera.lab.laws.static import white_covariance
 from stadera.lab.pinocchio import pinocchio_model
 from stadera.robot import JointDynamics, Robot, load_robot
 from stadera.robot.kinematics import foot_positions
@@ -140,7 +141,7 @@ def test_slopes_and_covariance_of_torques_by_finite_differences() -> None:
     variance = np.empty(12)
     variance[order] = noise.torque_white**2
     expected = jacobian * variance @ jacobian.T
-    np.testing.assert_allclose(at.white_covariance, expected, rtol=1e-6, atol=1e-8)
+    np.testing.assert_allclose(white_covariance(at), expected, rtol=1e-6, atol=1e-8)
     np.testing.assert_allclose(at.wrench_slope[:, :12], jacobian[:, order], rtol=1e-6, atol=1e-6)
 
 

@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 from stadera.errors import ModelError
 from stadera.inertia import InertialParameters
 from stadera.lab.laws.poses import COMBINED, PosesCom
+from stadera.lab.laws.static import stated_errors
 from stadera.lab.laws.static_poses import PoseOffset, expected_covariance, standing_still, static_poses
 from stadera.robot import Robot, load_robot
 from stadera.robot.kinematics import foot_positions
@@ -170,7 +171,7 @@ def test_a_leg_in_the_air_tells_its_offsets() -> None:
 
 
 def test_static_poses_are_within_reach_and_what_they_tell_grows() -> None:
-    errors = ConstantErrors.of(ROBOT, ForceNoise.of(ROBOT, constant=0.15, foot_position=0.03))
+    errors = stated_errors(ROBOT, ForceNoise.of(ROBOT, constant=0.15, foot_position=0.03))
     stds = [np.sqrt(np.diag(expected_covariance(ROBOT, POSES[:n], errors, seek_errors=True))) for n in (1, 5, 11)]
     assert (stds[1] <= stds[0] * (1 + 1e-9)).all()
     assert (stds[2] <= stds[1] * (1 + 1e-9)).all()

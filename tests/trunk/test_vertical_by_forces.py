@@ -14,10 +14,11 @@ from stadera.inertia import InertialParameters
 from stadera.lab.laws.contact_com import ContactCom
 from stadera.lab.laws.mass import felt_by_mass
 from stadera.lab.laws.poses import centre_of, plausible, with_errors
+from stadera.lab.laws.static import stated_errors
 from stadera.logs import Recording
 from stadera.robot import Robot, load_robot
 from stadera.robot.stance import standing_configuration
-from stadera.trunk import ConstantErrors, ContactForceEstimator, Measurement, Status
+from stadera.trunk import ContactForceEstimator, Measurement, Status
 from stadera.trunk.model import TrunkBounds, TrunkModel
 from stadera.trunk.standing.equilibrium import equilibrium_rows, weight_felt
 from stadera.trunk.standing.forces import measurements_without_imu, vertical_by_forces
@@ -29,7 +30,7 @@ STANCE = standing_configuration(HYQ)
 LOAD, PLACE = 8.0, (-0.2, 0.1, 0.1)
 PLANT = StandingRobot(HYQ, LOAD, PLACE)
 FORCES = ContactForceEstimator(HYQ)
-ERRORS = ConstantErrors.of(HYQ, FORCES.noise)
+ERRORS = stated_errors(HYQ, FORCES.noise)
 LIMIT = np.array([HYQ.limits[joint].effort for joint in HYQ.tree.joints])
 JOINTS = np.array([HYQ.tree.joints.index(joint) for leg in HYQ.legs for joint in leg.joints])
 TILTS = ((0, 0), (8, 0), (-8, 0), (0, 8), (0, -8), (6, 6))

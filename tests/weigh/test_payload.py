@@ -6,9 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from stadera.lab.laws.static import stated_errors
 from stadera.robot import load_robot
 from stadera.robot.stance import standing_configuration
-from stadera.trunk import ConstantErrors, ContactForceEstimator, Measurement
+from stadera.trunk import ContactForceEstimator, Measurement
 from stadera.trunk.standing.poses import Alike, PoseMean, payload_between
 from standing import StandingRobot
 
@@ -16,7 +17,7 @@ ROBOT = load_robot("hyq")
 STANCE = standing_configuration(ROBOT)
 LOAD, PLACE = 8.0, (-0.2, 0.1, 0.1)
 FORCES = ContactForceEstimator(ROBOT)
-ERRORS = ConstantErrors.of(FORCES.robot, FORCES.noise)
+ERRORS = stated_errors(FORCES.robot, FORCES.noise)
 BARE = StandingRobot(ROBOT).measurement(0.0, STANCE)
 LOADED = StandingRobot(ROBOT, LOAD, PLACE).measurement(0.0, STANCE)
 LIMIT = np.array([ROBOT.limits[joint].effort for joint in ROBOT.tree.joints])

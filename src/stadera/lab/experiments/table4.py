@@ -20,11 +20,11 @@ from stadera.lab.experiments.standing import (
     stand,
 )
 from stadera.lab.laws.poses import WIDE_FOOT, WIDE_TORQUE
+from stadera.lab.laws.static import stated_errors
 from stadera.lab.laws.static_poses import PoseOffset, expected_covariance
 from stadera.lab.plant import Gaussian, SensorErrors
 from stadera.report.table import TableData
 from stadera.robot import Robot, load_robot
-from stadera.trunk.standing.equilibrium import ConstantErrors
 from stadera.trunk.standing.forces import ForceNoise
 
 PAPER = Paper.of("table4")
@@ -234,7 +234,7 @@ def _expected(column: ErrorColumn, robot: Robot, poses: Sequence[PoseOffset]) ->
     torque = np.full(12, column.std if column.kind == "torque" else 1e-6)
     foot = 0.01 * column.std if column.kind == "foot" else 0.0
     noise = ForceNoise(np.full(12, 1e-3), torque, foot)
-    errors = ConstantErrors.of(
+    errors = stated_errors(
         robot, noise, orientation=1e-6, common_torque=column.mean if column.kind == "torque" else 0.0
     )
     covariance = expected_covariance(robot, poses, errors, seek_errors=True)

@@ -17,12 +17,12 @@ import numpy as np
 
 from stadera.constants import GRAVITY
 from stadera.errors import require_positive
-from stadera.lab.laws.static import StaticEstimator
+from stadera.lab.laws.static import StaticEstimator, stated_errors, white_covariance
 from stadera.robot.model import Robot
 from stadera.trunk.measurement import Measurement
 from stadera.trunk.model import TrunkModel
 from stadera.trunk.protocol import unobserved
-from stadera.trunk.standing.equilibrium import ConstantErrors, felt_by_mass
+from stadera.trunk.standing.equilibrium import felt_by_mass
 from stadera.trunk.standing.forces import ContactForceEstimator, ContactForces
 from stadera.types import Array
 
@@ -57,7 +57,7 @@ class MassEstimator(StaticEstimator):
     ) -> None:
         super().__init__(robot, start, forces)
         self.settings = settings or MassSettings()
-        self._errors = ConstantErrors.of(robot, self.forces.noise)
+        self._errors = stated_errors(robot, self.forces.noise)
         self._last: tuple[ContactForces, Measurement] | None = None
         self._known: Array | None = None
         self._averaged_variance = self._slow = self._fast = self._sample_variance = 0.0
@@ -67,7 +67,7 @@ class MassEstimator(StaticEstimator):
         time, up = measurement.time, measurement.up
         self._average(time, float(up @ forces.wrench[:3]) / GRAVITY)
         if self._sample_variance == 0.0:
-            self._sample_variance = float(up @ forces.white_covariance[:3, :3] @ up) / GRAVITY**2
+            self._sample_variance = float(up @ white_covariance(forces)[:3, :3] @ up) / GRAVITY**2
         rested = time - self._since >= self.settings.settled * self.settings.time_constant
         noise = sqrt(self._sample_variance * self._squared_weights * self.settings.faster)
         steady = abs(self._fast - self._slow) < self.settings.change * self.robot.mass + 3.0 * noise

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from stadera.errors import require_positive
 from stadera.information import Information, Unknowns
-from stadera.lab.laws.static import StaticEstimator
+from stadera.lab.laws.static import StaticEstimator, stated_errors
 from stadera.robot.model import Robot
 from stadera.trunk.load import centre_slope
 from stadera.trunk.measurement import Measurement
@@ -106,7 +106,7 @@ class PosesCom(StaticEstimator):
         noise, torque, foot = self.forces.noise, self.settings.torque_constant, self.settings.foot_position
         if torque is not None and foot is not None:
             noise = ForceNoise.of(robot, constant=torque, foot_position=foot)
-        self.errors = ConstantErrors.of(robot, noise)
+        self.errors = stated_errors(robot, noise)
         self._folded = plausible(robot, self._start, self.bounds)
         self._open: PoseMean | None = None
         self._closed: list[PoseMean] = []

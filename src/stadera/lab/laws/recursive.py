@@ -36,13 +36,13 @@ import numpy as np
 from stadera.constants import GRAVITY
 from stadera.errors import IdentificationError, ModelError, positive, require_positive
 from stadera.inertia import skew
-from stadera.lab.laws.static import StaticEstimator
+from stadera.lab.laws.static import StaticEstimator, stated_errors, white_covariance
 from stadera.robot.model import Robot
 from stadera.trunk.measurement import Measurement
 from stadera.trunk.model import TrunkModel
 from stadera.trunk.protocol import unobserved
 from stadera.trunk.standing.detection import StaticLimits
-from stadera.trunk.standing.equilibrium import ConstantErrors, error_slope
+from stadera.trunk.standing.equilibrium import error_slope
 from stadera.trunk.standing.forces import ContactForceEstimator, ContactForces
 from stadera.types import Array
 
@@ -200,7 +200,7 @@ class RecursiveCom(StaticEstimator):
         self.settings = settings or LawSettings()
         super().__init__(robot, start, forces, self.settings.still)
         self.phase = Phase.PLANE
-        self._errors = ConstantErrors.of(robot, self.forces.noise, self.settings.orientation_std)
+        self._errors = stated_errors(robot, self.forces.noise, self.settings.orientation_std)
         self._settled = Settled()
         self._mass_settled = Settled(self.settings.mass_settled * robot.mass)
         self._known: Array | None = None
@@ -299,4 +299,4 @@ class RecursiveCom(StaticEstimator):
     def _white(self, instant: Instant) -> Array:
         """Covariance (4, 4) due to the torques' white noise; steps β leave β / (2 - β) of its variance."""
         slope, share = instant.from_wrench, self._step / (2.0 - self._step)
-        return np.asarray(share * slope @ instant.forces.white_covariance @ slope.T)
+        return np.asarray(share * slope @ white_covariance(instant.forces) @ slope.T)

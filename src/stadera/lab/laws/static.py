@@ -1,4 +1,4 @@
-"""Base of the laws for a robot at rest: which measurements they learn from, and what they say meanwhile."""
+"""Base of the laws for a robot at rest: which measurements they learn from, the errors they state, what they say."""
 
 from __future__ import annotations
 
@@ -12,8 +12,34 @@ from stadera.trunk.measurement import Measurement
 from stadera.trunk.model import ImplausibleError, TrunkBounds, TrunkModel
 from stadera.trunk.protocol import Status, StepEstimator, TrunkEstimate
 from stadera.trunk.standing.detection import StaticDetector, StaticLimits, not_finite, stretched
-from stadera.trunk.standing.forces import ContactForceEstimator, ContactForces
+from stadera.trunk.standing.equilibrium import ConstantErrors, constant_errors_of
+from stadera.trunk.standing.forces import ContactForceEstimator, ContactForces, ForceNoise
 from stadera.types import Array
+
+
+def stated_errors(
+    robot: Robot, noise: ForceNoise, orientation: float = np.deg2rad(0.2), common_torque: float = 0.0
+) -> ConstantErrors:
+    """Independent constant errors of stated sizes, except for a part of the torques that is common to all joints.
+
+    Args:
+        noise: of torques, feet and links' masses.
+        orientation: of each component of ε [rad].
+        common_torque: standard deviation of an offset common to all joints [N·m].
+    """
+    places = constant_errors_of(robot)
+    std, torque = np.empty(len(places)), places["torque"]
+    std[torque], std[places["foot"]] = noise.torque_constant, noise.foot_position
+    std[places["vertical"]], std[places["link_mass"]] = orientation, noise.leg_mass
+    C = np.diag(np.maximum(std, 1e-9) ** 2)
+    C[torque, torque] += common_torque**2
+    return ConstantErrors(places, C, np.zeros_like(C[torque, torque]))
+
+
+def white_covariance(forces: ContactForces) -> Array:
+    """Covariance (6, 6) of the feet's wrench due to the torques' white noise."""
+    scaled = forces.wrench_slope[:, : len(forces.left)] * forces.noise.torque_white
+    return np.asarray(scaled @ scaled.T)
 
 
 class StaticEstimator(StepEstimator):

@@ -40,7 +40,7 @@ from stadera.robot.model import Robot
 from stadera.trunk.error_model import ErrorModel
 from stadera.trunk.measurement import Measurement
 from stadera.trunk.settings import ModelErrors
-from stadera.trunk.standing.forces import ContactForceEstimator, ContactForces, ForceNoise, vertical_by_forces
+from stadera.trunk.standing.forces import ContactForceEstimator, ContactForces, vertical_by_forces
 from stadera.types import Array
 
 
@@ -75,25 +75,6 @@ class ConstantErrors:
         if C.shape != (k, k) or not np.isfinite(C).all() or np.linalg.eigvalsh(C).min() <= 0:
             raise ModelError(f"constant errors need a positive definite covariance {(k, k)}")
         object.__setattr__(self, "covariance", C)
-
-    @classmethod
-    def of(
-        cls, robot: Robot, noise: ForceNoise, orientation: float = np.deg2rad(0.2), common_torque: float = 0.0
-    ) -> ConstantErrors:
-        """Independent errors, except for a part of the torques that is common to all joints.
-
-        Args:
-            noise: of torques, feet and links' masses.
-            orientation: of each component of ε [rad].
-            common_torque: standard deviation of an offset common to all joints [N·m].
-        """
-        places = constant_errors_of(robot)
-        std, torque = np.empty(len(places)), places["torque"]
-        std[torque], std[places["foot"]] = noise.torque_constant, noise.foot_position
-        std[places["vertical"]], std[places["link_mass"]] = orientation, noise.leg_mass
-        C = np.diag(np.maximum(std, 1e-9) ** 2)
-        C[torque, torque] += common_torque**2
-        return cls(places, C, np.zeros_like(C[torque, torque]))
 
     @classmethod
     def of_robot(cls, robot: Robot, sizes: ModelErrors | None = None) -> ConstantErrors:

@@ -178,12 +178,6 @@ class ContactForces:
         by_foot = self.body.by_contact(E, self.axis, carried)
         return np.hstack([-E.T, by_foot.transpose(1, 0, 2).reshape(6, -1)])
 
-    @property
-    def white_covariance(self) -> Array:
-        """Covariance (6, 6) of `wrench` due to the torques' white noise."""
-        scaled = self.wrench_slope[:, : len(self.left)] * self.noise.torque_white
-        return np.asarray(scaled @ scaled.T)
-
     @cached_property
     def weights(self) -> Weights:
         """Of the robot's links in this posture, with the feet in stance."""
