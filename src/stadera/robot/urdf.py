@@ -1,7 +1,7 @@
 """Reads and writes URDF. A number that cannot be parsed (ixx="0,05") is refused; other readers ignore its element."""
 
 import xml.etree.ElementTree as ET
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal, get_args
@@ -51,37 +51,38 @@ def _tree(root: ET.Element) -> tuple[FileLink, ...]:
     """The links from the root outwards, joints on one link by their names. A root that floats on a link, such as the
     world, is the root.
     """
-    elements, joints = ({_name(e): e for e in root.findall(tag)} for tag in ("link", "joint"))
-    for tag, named_ones in (("link", elements), ("joint", joints)):
-        if len(named_ones) < len(root.findall(tag)):
-            raise ModelError(f"two {tag}s have one name")
-    below: dict[str, list[str]] = {name: [] for name in elements}
+    elements, joints = _by_name(root, "link"), _by_name(root, "joint")
+    ends = {name: (_end(joints[name], "parent", elements), _end(joints[name], "child", elements)) for name in joints}
+    below: dict[str, list[str]] = {link: [] for link in elements}
     above: dict[str, str] = {}
     for name in sorted(joints):
-        parent, child = (_end(joints[name], tag) for tag in ("parent", "child"))
-        for link in (parent, child):
-            if link not in elements:
-                raise ModelError(f"joint {name!r} is on link {link!r}, which the file does not have")
-        if child in above:
-            raise ModelError(f"link {child!r} has two parents, by joints {above[child]!r} and {name!r}")
-        above[child] = name
+        parent, child = ends[name]
         below[parent].append(name)
+        if (other := above.setdefault(child, name)) != name:
+            raise ModelError(f"link {child!r} has two parents, by joints {other!r} and {name!r}")
     roots = [link for link in elements if link not in above]
     if len(roots) != 1:
         raise ModelError(f"a robot has one root link, and the file {', '.join(roots) or 'none'}")
-    first = next(iter(below[roots[0]]), "")
-    start = _end(joints[first], "child") if first and joints[first].get("type") == "floating" else roots[0]
+    start, first = roots[0], next(iter(below[roots[0]]), "")
+    if first and joints[first].get("type") == "floating":
+        start = ends[first][1]
     found = [FileLink(start, -1, np.eye(3), np.zeros(3), _body(elements[start]))]
     waiting = [(0, name) for name in reversed(below[start])]
     while waiting:
         at, name = waiting.pop()
-        link = _end(joints[name], "child")
-        pose = _pose(joints[name], joints[name].find("origin"))
+        link, pose = ends[name][1], _pose(joints[name], joints[name].find("origin"))
         waiting += [(len(found), each) for each in reversed(below[link])]
         found.append(FileLink(link, at, *pose, _body(elements[link]), _joint(joints[name])))
     if start == roots[0] and len(found) < len(elements):
         raise ModelError("its joints form a ring")
     return tuple(found)
+
+
+def _by_name(root: ET.Element, tag: str) -> dict[str, ET.Element]:
+    found = {_name(each): each for each in root.findall(tag)}
+    if len(found) < len(root.findall(tag)):
+        raise ModelError(f"two {tag}s have one name")
+    return found
 
 
 def _joint(joint: ET.Element) -> FileJoint | None:
@@ -133,12 +134,14 @@ def _name(element: ET.Element) -> str:
     return name
 
 
-def _end(joint: ET.Element, tag: str) -> str:
-    """The link at one end of a joint, its parent or child."""
+def _end(joint: ET.Element, tag: str, links: Collection[str]) -> str:
+    """The link at one end of a joint, its parent or child, one of the file's."""
     end = joint.find(tag)
-    if end is None or not end.get("link"):
+    if end is None or not (link := end.get("link")):
         raise ModelError(f"joint {_name(joint)!r} has no {tag} link")
-    return str(end.get("link"))
+    if link not in links:
+        raise ModelError(f"joint {_name(joint)!r} is on link {link!r}, which the file does not have")
+    return link
 
 
 def _body(link: ET.Element) -> InertialParameters:
