@@ -36,8 +36,6 @@ def test_a_trunk_between_folded_legs_lies_and_one_that_stands_does_not(name: str
 )
 def test_lowest_points_are_those_of_the_shape_s_surface(kind: str, size: tuple[float, ...]) -> None:
     """Drawn points of the surface, turned and shifted, reach as low and no lower."""
-    from stadera.weigh.against_model import _lowest
-
     rng, turn = np.random.default_rng(1), Rotation.random(rng=2).as_matrix()
     n = 200_000
     sphere = rng.standard_normal((n, 3))
@@ -54,8 +52,8 @@ def test_lowest_points_are_those_of_the_shape_s_surface(kind: str, size: tuple[f
             points = rng.choice([-0.5, 0.5], (n, 3)) * np.array(size)
     shift, up = np.array([0.1, -0.2, 0.3]), Rotation.random(rng=3).as_matrix()[:1]
     heights = (points @ turn.T + shift) @ up[0]
-    found = _lowest(Shape("trunk", kind, size, turn, shift), up)  # type: ignore[arg-type]
-    assert found[0] == pytest.approx(heights.min(), abs=2e-3)
+    reach = Shape("trunk", kind, size, turn, shift).reach(up @ turn)  # type: ignore[arg-type]
+    assert (up @ shift - reach)[0] == pytest.approx(heights.min(), abs=2e-3)
 
 
 @pytest.mark.parametrize("method", [None, "contact"])
