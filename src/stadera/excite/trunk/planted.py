@@ -23,7 +23,7 @@ from stadera.body import Body, Motion, State
 from stadera.constants import GRAVITY
 from stadera.errors import IdentificationError
 from stadera.excite.sinusoids import Sinusoids
-from stadera.inertia import InertialParameters
+from stadera.inertia import InertialParameters, skews
 from stadera.robot.kinematics import leg_kinematics
 from stadera.robot.model import Robot
 from stadera.robot.stance import StanceSettings, reached, standing_configuration
@@ -103,10 +103,9 @@ class Planted:
         signals = trunk_signals(motion.specific_force.T, motion.angular_velocity.T, motion.angular_acceleration.T)
         own = np.einsum("ckn,k->nc", (TRUNK_MAP @ signals).reshape(6, 10, -1), trunk.vector)
         wrench = own + state.inertial.sum(axis=1)
-        lever = np.cross(self.contacts[:, :, None], np.eye(3)).swapaxes(2, 3)  # [p]x
-        one, none = (np.broadcast_to(m, lever.shape) for m in (np.eye(3), np.zeros((3, 3))))
         # of each contact, force above moment about the trunk's origin: [1 0 ; [p]x 1]
-        whole = np.concatenate([np.concatenate([one, none], axis=3), np.concatenate([lever, one], axis=3)], axis=2)
+        whole = np.tile(np.eye(6), (*self.contacts.shape[:2], 1, 1))
+        whole[:, :, 3:, :3] = skews(self.contacts)
         G = np.concatenate([whole[:, leg, :, :size] for leg, size in enumerate(body.sizes)], axis=2)
         found = np.einsum("nck,nc->nk", G, np.linalg.solve(G @ G.transpose(0, 2, 1), wrench[..., None])[..., 0])
         torque = state.torque + body.friction(motion.velocity, motion.velocity)
