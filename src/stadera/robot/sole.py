@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 
 from stadera.errors import ModelError
 from stadera.robot.kinematics import forward_kinematics
@@ -103,6 +102,8 @@ def _with_unfelt(robot: Robot, leg: Leg) -> Leg:
 @lru_cache(maxsize=16)
 def _geometry(path: Path) -> tuple[Any, Any]:
     """Pinocchio's model of a URDF and its collision geometry; packages of meshes are looked for above the file."""
+    import pinocchio as pin
+
     model = pin.buildModelFromUrdf(str(path), pin.JointModelFreeFlyer())
     folders = [str(folder) for folder in path.parents]
     return model, pin.buildGeomFromUrdf(model, str(path), pin.GeometryType.COLLISION, package_dirs=folders)
