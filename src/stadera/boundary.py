@@ -48,8 +48,10 @@ def require_input(
 
     Pipes, sockets and devices are refused, since readers open a file more than once.
     """
-    if not _is_text(str(path)):
-        raise kind(f"{path}: cannot be read: its name is not UTF-8, which other libraries need; rename it")
+    try:
+        str(path).encode()
+    except UnicodeEncodeError:
+        raise kind(f"{path}: cannot be read: its name is not UTF-8, which other libraries need; rename it") from None
     try:
         found = path.stat()
     except FileNotFoundError:
@@ -72,11 +74,3 @@ def begins_with(path: Path, magic: bytes) -> bool:
         return False
     with path.open("rb") as file:
         return file.read(len(magic)) == magic
-
-
-def _is_text(name: str) -> bool:
-    try:
-        name.encode()
-    except UnicodeEncodeError:
-        return False
-    return True

@@ -80,8 +80,8 @@ class Budget:
         files = path.rglob("*") if path.is_dir() else [path]
         self._size = sum(file.stat().st_size for file in files if file.is_file())
         self._allowed = limits.seconds + limits.seconds_per_megabyte * self._size / 1e6
-        self._spent, self._ticks, self._held = 0.0, 0, 0.0
-        self._since: float | None = time.thread_time()  # None while the clock is stopped
+        self._ticks, self._held = 0, 0.0
+        self._begun = time.thread_time()  # later by the time that was not spent on reading
 
     def tick(self) -> None:
         """Counts one step of a loop that may be long, and checks the time at every 64th. Raises LimitError: it is
@@ -94,8 +94,7 @@ class Budget:
     @property
     def is_over(self) -> bool:
         """Whether the time limit is exceeded."""
-        running = 0.0 if self._since is None else time.thread_time() - self._since
-        return self._spent + running > self._allowed
+        return time.thread_time() - self._begun > self._allowed
 
     def check_time(self) -> None:
         """Checks the time now. Raises as `tick`."""
@@ -131,20 +130,13 @@ class Budget:
 
     def timed(self, items: Iterable[Item]) -> Iterator[Item]:
         """Yields the items, and counts only the time spent producing them, not the consumer's."""
-        self._pause()
-        return self._timed(iter(items))
+        return self._timed(items, time.thread_time())
 
-    def _timed(self, items: Iterator[Item]) -> Iterator[Item]:
-        end = object()
-        while True:
-            self._since = time.thread_time()
-            item = next(items, end)
-            self._pause()
+    def _timed(self, items: Iterable[Item], paused: float) -> Iterator[Item]:
+        self._begun += time.thread_time() - paused
+        for item in items:
             self.check_time()
-            if item is end:
-                return
-            yield item  # type: ignore[misc]
-
-    def _pause(self) -> None:
-        if self._since is not None:
-            self._spent, self._since = self._spent + time.thread_time() - self._since, None
+            paused = time.thread_time()
+            yield item
+            self._begun += time.thread_time() - paused
+        self.check_time()
