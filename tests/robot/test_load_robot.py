@@ -8,6 +8,7 @@ from pathlib import Path
 
 import mujoco
 import numpy as np
+import pinocchio as pin
 import pytest
 from robot_files import CORNERS, SPHERE, mjcf, quadruped, urdf, urdf_joint, urdf_leg, urdf_link, write
 
@@ -120,6 +121,53 @@ def test_the_h1_is_a_model_file_and_nothing_else(tmp_path: Path) -> None:
     source = Path(catalog.__file__).parent.parent
     knowing = [file.name for file in source.rglob("*.py") if re.search(r"\bh1", file.read_text(encoding="utf-8"), re.I)]
     assert knowing == ["catalog.py"]
+
+
+def test_the_owner_names_the_feet_where_legs_are_no_others_than_arms(tmp_path: Path) -> None:
+    """Arms that hang as far down as legs: four chains of three joints are a quadruped, two of them a biped."""
+    path = write(tmp_path, quadruped())
+    robot = load_robot(path, feet=("lh_shank", "rf_shank"))
+    assert [leg.links[-1] for leg in robot.legs] == ["lh_shank", "rf_shank"]
+    assert robot.legs[0].foot_position == (0.0, 0.0, -0.3)
+    assert robot.extra is not None
+    assert len(robot.extra.joints) == 6
+    whole = load_robot(path, feet=("rh_shank", "lf_shank", "rf_shank", "lh_shank"))
+    assert [leg.name for leg in whole.legs] == ["LF", "RF", "LH", "RH"]
+    for feet, said in (
+        (("lf_shank", "lf_thigh"), "hang from the same joint 'lf_a'|three or more revolute joints"),
+        (("lf_shank",), "two feet or more"),
+        (("base", "lf_shank"), "these are none"),
+    ):
+        with pytest.raises(ModelError, match=said):
+            load_robot(path, feet=feet)
+    with pytest.raises(UnknownNameError, match="unknown foot 'paw'; valid: base, "):
+        load_robot(path, feet=("lf_shank", "paw"))
+
+
+@pytest.mark.parametrize("kind", ["revolute", "continuous", "prismatic"])
+def test_the_owner_names_the_trunk_of_a_file_with_another_root(kind: str, tmp_path: Path) -> None:
+    """A mast as the root that carries the trunk: it becomes a limb of the trunk, with the same position."""
+    joint = urdf_joint("swivel", "mast", "base", "0.1 -0.2 -0.3", "0.6 0 0.8", kind).replace(
+        '-0.3"', '-0.3" rpy="0.1 0.2 0.3"'
+    )
+    path = write(tmp_path, quadruped().replace("</robot>", urdf_link("mast", 3.0) + joint + "</robot>"))
+    with pytest.raises(ModelError, match="--feet and --trunk name them"):
+        load_robot(path)
+    robot, angle = load_robot(path, trunk="base"), 0.7
+    assert robot.trunk == "base"
+    assert robot.extra is not None
+    assert robot.extra.joints == ("swivel",)
+    whole = pin.buildModelFromUrdf(str(path), pin.JointModelFreeFlyer())
+    data, q = whole.createData(), pin.neutral(whole)
+    at = whole.joints[whole.getJointId("swivel")]
+    q[at.idx_q : at.idx_q + at.nq] = [angle] if at.nq == 1 else [np.cos(angle), np.sin(angle)]
+    pin.forwardKinematics(whole, data, q)
+    swivel = whole.getJointId("swivel")
+    mast = whole.inertias[swivel] + (data.oMi[swivel].inverse() * data.oMi[1]).act(whole.inertias[1])
+    expected = InertialParameters.from_pinocchio(mast).vector
+    np.testing.assert_allclose(robot.posed({"swivel": angle}).inertias["base"].vector, expected, atol=1e-12)
+    with pytest.raises(UnknownNameError, match="unknown link 'hull'"):
+        load_robot(path, trunk="hull")
 
 
 # -- MJCF against MuJoCo --------------------------------------------------------------------------------------------

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from stadera.cli import parse
-from stadera.cli.options import Force, LogOptions, RobotOfLog, argument, flag, grouped, option
+from stadera.cli.options import Force, LogOptions, ModelOptions, RobotOfLog, argument, flag, grouped, option
 from stadera.cli.outputs import ResultFiles
 from stadera.cli.terminal import progress, show
 
@@ -54,6 +54,7 @@ def identify(
     force: Force = False,
     *,
     options: LogOptions,
+    shape: ModelOptions,
     files: ResultFiles,
 ) -> None:
     """Identify legs, drives and trunk from logs: legs in the air, or a robot on its feet, in any mix.
@@ -72,13 +73,12 @@ def identify(
     from stadera.identify.legs import identify as identify_legs
     from stadera.identify.settings import IdentifySettings
     from stadera.report.identify.tables import identification_tables
-    from stadera.robot import load_robot
     from stadera.robot.export import check_export
 
     settings = IdentifySettings(
         chosen_legs, method.value, FrictionModel(chosen_terms), cutoff_hz, torque_lag=lag, up=vertical, split=share
     )
-    model = load_robot(options.robot(robot, logs[0]), options.reading.limits)
+    model = shape.load(options.robot(robot, logs[0]), options.reading.limits)
     files.check(export)
     drives = export is not None and export.suffix.lower() in (".yaml", ".yml")
     if export is not None and not drives:

@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from stadera.cli.options import TEMPLATE, LogOptions, argument, grouped, limits_of, option
+from stadera.cli.options import TEMPLATE, LogOptions, ModelOptions, argument, grouped, limits_of, option
 from stadera.cli.terminal import progress, show
 
 if TYPE_CHECKING:
@@ -19,6 +19,7 @@ def inspect(
     ] = None,
     *,
     options: LogOptions,
+    shape: ModelOptions,
 ) -> None:
     """Show the content of a log or a robot model.
 
@@ -37,9 +38,8 @@ def inspect(
         return
     if _is_robot(target):
         from stadera.report.inspect import robot_contents
-        from stadera.robot import load_robot
 
-        show(*robot_contents(load_robot(target, limits_of(options.limit))))
+        show(*robot_contents(shape.load(target, limits_of(options.limit))))
         return
     from stadera.logs.reader import stream
     from stadera.logs.summary import summarize
@@ -50,10 +50,9 @@ def inspect(
         summary = summarize(stream(log))
         show(*log_contents(summary, _fitting(summary.joints, log)))
         return
-    from stadera.robot import load_robot
     from stadera.weigh.weigh import inspected
 
-    model = load_robot(robot, limits_of(options.limit))
+    model = shape.load(robot, limits_of(options.limit))
     summary = summarize(stream(log))
     with progress() as watch:
         found = inspected(model, log, fix=options.fix, progress=watch)

@@ -16,6 +16,7 @@ from stadera.cli.gate import GatedCommand
 if TYPE_CHECKING:
     from stadera.limits import Limits
     from stadera.logs.topics import LogFile, Reading, Topics
+    from stadera.robot import Robot
 
 
 def option(metavar: str, help_: str, *names: str, **settings: Any) -> Any:
@@ -121,6 +122,23 @@ class ColumnsMayStandAlone(GatedCommand):
         for argument, follower in zip(args, [*args[1:], "--"], strict=True):
             given += [argument, TEMPLATE] if argument == "--columns" and follower.startswith("-") else [argument]
         return super().parse_args(ctx, given)
+
+
+@dataclass(frozen=True)
+class ModelOptions:
+    """Options for understanding a robot's model."""
+
+    feet: Annotated[
+        str | None, option("A,B,...", "Links or frames of the feet, one a leg, where the model does not tell.")
+    ] = None
+    trunk: Annotated[str | None, option("LINK", "Link of the trunk, where a URDF does not tell.")] = None
+
+    def load(self, robot: str, limits: Limits) -> Robot:
+        """The robot of a name or file; raises as `load_robot`."""
+        from stadera.robot import load_robot
+
+        feet = tuple(foot.strip() for foot in self.feet.split(",")) if self.feet else ()
+        return load_robot(robot, limits, feet, self.trunk)
 
 
 def limits_of(given: Sequence[str] | None) -> Limits:

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class RobotOptions:
+class RobotOptions(opt.ModelOptions):
     """Options for the robot that is weighed."""
 
     weight: opt.Weight = None
@@ -48,9 +48,8 @@ class RobotOptions:
     def model(self, name: str, limits: Limits) -> Robot:
         """Loads the robot, with identified legs if given; with `force` also if these are not to be trusted."""
         from stadera.identify.schema import with_identified_legs
-        from stadera.robot import load_robot
 
-        robot = load_robot(name, limits)
+        robot = self.load(name, limits)
         return robot if self.legs is None else with_identified_legs(robot, self.legs, self.force)
 
     def remembered(self, robot: Robot) -> Memory | None:

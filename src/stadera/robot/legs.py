@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stadera.errors import ModelError
+from stadera.errors import ModelError, require_known
 from stadera.joint_words import leg_of, words
 from stadera.robot.model import LEG_NAMES
 from stadera.robot.modelfile import ModelFile
@@ -24,17 +24,21 @@ class Chain:
 
     name: str
     links: tuple[int, ...]
+    foot: str | None = None  # the link or frame that its owner names
 
 
-def find_legs(file: ModelFile) -> tuple[tuple[Chain, ...], tuple[str, ...]]:
+def find_legs(file: ModelFile, feet: Sequence[str] = ()) -> tuple[tuple[Chain, ...], tuple[str, ...]]:
     """The legs and notes on assumptions made, of a quadruped in the order LF, RF, LH, RH; ModelError if there are none,
     or if a leg of a quadruped is not one.
 
     A quadruped's leg is a chain of exactly three revolute joints that starts at the trunk (branches, such as rotors,
     are ignored). Its name comes from its joints' names (lf_haa_joint, FL_hip, hr.hx); if these are unclear or clash,
     from the position of its hip (x forward, y left in the trunk frame). If names and positions disagree, the names are
-    used, because a log's columns carry them, and a note says so.
+    used, because a log's columns carry them, and a note says so. With `feet`, links or frames, legs are the chains of
+    revolute joints from the trunk to these; UnknownNameError if there is no such link.
     """
+    if feet:
+        return _to_feet(file, feet)
     poses = file.carried(())
     masses = {k: body.mass for k, body in file.lumped(file.carried(file.joints)).items()}
     chains = [_longest_chain(file, masses, k) for k in file.joints if file.above(k) == 0]
@@ -51,6 +55,35 @@ def find_legs(file: ModelFile) -> tuple[tuple[Chain, ...], tuple[str, ...]]:
     names, notes = _choose_names(file, list(legs), list(legs.values()))
     found = [Chain(name, (a, b, c)) for name, (a, b, c) in zip(names, legs, strict=True)]
     return tuple(sorted(found, key=lambda chain: LEG_NAMES.index(chain.name))), notes
+
+
+def _to_feet(file: ModelFile, feet: Sequence[str]) -> tuple[tuple[Chain, ...], tuple[str, ...]]:
+    places = {link.name: k for k, link in enumerate(file.links)} | {name: site[0] for name, site in file.sites.items()}
+    require_known("foot", feet, places, file.name)
+    moved, found, used = file.carried(file.joints), list[list[int]](), dict[int, str]()
+    if len(feet) < _FEWEST:
+        raise ModelError(f"{file.path}: a robot has two feet or more, got {', '.join(feet)}")
+    for foot in feet:
+        chain = [moved[places[foot]][0]]
+        while chain[0] > 0:
+            chain.insert(0, file.above(chain[0]))
+        chain = chain[1:]
+        if len(chain) < _SHORTEST or not _turns(file, chain):
+            joints = ", ".join(file.joint(k).name for k in chain) or "none"
+            raise ModelError(
+                f"{file.path}: foot {foot!r}: a leg has three or more revolute joints between trunk {file.trunk!r} and "
+                f"foot, these are {joints}"
+            )
+        if shared := [k for k in chain if k in used]:
+            both, joint = f"{used[shared[0]]!r} and {foot!r}", file.joint(shared[0]).name
+            raise ModelError(f"{file.path}: feet {both} hang from the same joint {joint!r}")
+        used |= dict.fromkeys(chain, foot)
+        found.append(chain)
+    names, notes, order = _own_names(file, found), tuple[str, ...](), list(range(len(found)))
+    if len(found) == 4 and all(len(chain) == 3 for chain in found):
+        names, notes = _choose_names(file, found, [_name_from_words(file, chain) for chain in found])
+        order.sort(key=lambda k: LEG_NAMES.index(names[k]))
+    return tuple(Chain(names[k], tuple(found[k]), feet[k]) for k in order), notes
 
 
 def _choose_names(
@@ -136,5 +169,5 @@ def _not_four(file: ModelFile, chains: list[list[int]], found: int) -> str:
     listed = ", ".join(f"{file.joint(chain[0]).name} ({len(chain)})" for chain in chains) or "none"
     return (
         f"{file.path}: {''.join(wrong)}trunk {file.trunk!r} has {found} legs of three revolute joints, a quadruped "
-        f"has 4; chains on it (joints): {listed}"
+        f"has 4; chains on it (joints): {listed}; --feet and --trunk name them where they are not found"
     )

@@ -1,6 +1,6 @@
 """Loads a robot by name from the catalogue, or from a URDF or MJCF file; tells by its joints whose a log is."""
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from os import PathLike
@@ -17,6 +17,7 @@ from stadera.robot.extra import ExtraJoints
 from stadera.robot.legs import Chain, find_legs
 from stadera.robot.model import Frame, JointLimits, Leg, Robot, Shape, Tree
 from stadera.robot.modelfile import ModelFile
+from stadera.robot.rooted import rooted_at
 from stadera.robot.sense import check_sense, checked_limits
 from stadera.robot.shapes import FLAT, find_foot, find_sole, fitted_shapes
 from stadera.robot.sole import with_unfelt_moments
@@ -27,7 +28,9 @@ Carried = list[tuple[int, Array, Array]]
 """As `ModelFile.carried` gives it."""
 
 
-def load_robot(source: Robot | str | PathLike[str], limits: Limits = DEFAULTS) -> Robot:
+def load_robot(
+    source: Robot | str | PathLike[str], limits: Limits = DEFAULTS, feet: Sequence[str] = (), trunk: str | None = None
+) -> Robot:
     """Loads the robot of that name or file; a robot is returned unchanged.
 
     Trunk, legs, feet and joint order are determined from the model itself; assumptions are listed in `Robot.notes`.
@@ -37,9 +40,10 @@ def load_robot(source: Robot | str | PathLike[str], limits: Limits = DEFAULTS) -
     Args:
         source: a name of `stadera.robot.catalog`, or a path to a URDF or MJCF file.
         limits: for reading the file.
+        feet: links or frames of the feet, one a leg; none to find them. trunk: its link; None to find it.
 
     Raises:
-        UnknownNameError: neither a known name nor a file.
+        UnknownNameError: neither a known name nor a file, or no such foot or trunk in it.
         LimitError: the file exceeds the limits.
         MissingExtraError: the package that contains this named robot, or MuJoCo for an MJCF, is not installed.
         ModelError: the file cannot be read, or has no legs: chains of three or more revolute joints that reach down
@@ -53,7 +57,7 @@ def load_robot(source: Robot | str | PathLike[str], limits: Limits = DEFAULTS) -
     name, path = resolve(source)
     file = read_model_file(path, limits)
     with foreign(path, "not understood as a robot", ModelError):
-        robot = _understand(file)
+        robot = _understand(file if trunk is None else rooted_at(file, trunk), feet)
     return replace(robot, name=name) if name else robot
 
 
@@ -88,8 +92,8 @@ def parse_xml(path: Path, limits: Limits = DEFAULTS) -> Document:
     return document
 
 
-def _understand(file: ModelFile) -> Robot:
-    chains, notes = find_legs(file)
+def _understand(file: ModelFile, feet: Sequence[str]) -> Robot:
+    chains, notes = find_legs(file, feet)
     order = [k for chain in chains for k in chain.links]
     locked = [file.joint(k).name for k in file.joints if k not in order]
     if locked:
@@ -193,8 +197,9 @@ def _legs(
         joints, links = tuple(file.joint(k).name for k in chain.links), tuple(file.links[k].name for k in chain.links)
         balls = any(shape.link == links[-1] and shape.kind == "sphere" for shape in shapes)
         flat = len(joints) >= FLAT or (len(joints) == FLAT - 1 and not balls)
+        find = find_sole if flat else find_foot
         try:
-            foot = find_sole(links[-1], frames, shapes) if flat else find_foot(links[-1], frames, shapes)
+            foot = find(links[-1], frames, shapes, chain.foot if chain.foot != links[-1] else None)
         except ModelError as error:
             raise ModelError(f"{file.path}: leg {chain.name}: {error}") from error
         legs.append(Leg(chain.name, joints, links, foot.frame, foot.position, foot.radius, FLAT if flat else 3))

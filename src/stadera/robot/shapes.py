@@ -73,18 +73,18 @@ class Foot:
     note: str = ""
 
 
-def find_foot(link: str, frames: Mapping[str, Frame], shapes: Iterable[Shape], near: float = 0.2) -> Foot:
+def find_foot(
+    link: str, frames: Mapping[str, Frame], shapes: Iterable[Shape], frame: str | None = None, near: float = 0.2
+) -> Foot:
     """Finds the foot of `link`; ModelError if there is none.
 
-    Uses a frame on it whose name contains foot or toe (the farthest out, if several), with the sphere nearest to it,
-    within `near` times the frame's distance from the knee; else the farthest sphere; else the far end of the farthest
-    other primitive shape.
+    Uses the `frame` that is given, else one on it whose name contains foot or toe (the farthest out, if several), with
+    the sphere nearest to it, within `near` times the frame's distance from the knee; else the farthest sphere; else the
+    far end of the farthest other primitive shape.
     """
     own = [shape for shape in shapes if shape.link == link]
     spheres = [shape for shape in own if shape.kind == "sphere"]
-    named = [name for name, frame in frames.items() if frame.link == link and _FOOT_NAME.search(name) and name != link]
-    if named:
-        name = max(named, key=lambda n: _far(frames[n].translation))
+    if name := frame or _named(link, frames, _FOOT_NAME):
         return _foot_at_frame(name, frames[name], spheres, near)
     name = f"{link}_foot"
     if spheres:
@@ -96,17 +96,22 @@ def find_foot(link: str, frames: Mapping[str, Frame], shapes: Iterable[Shape], n
     return Foot(name, _triple(point), radius, "taken at the far end of its link's geometry")
 
 
-def find_sole(link: str, frames: Mapping[str, Frame], shapes: Iterable[Shape]) -> Foot:
-    """Finds the point of a flat foot at which its contact's wrench is told: the frame on `link` whose name contains
-    sole, foot or toe, else the middle of its spheres, else the link's origin. No row depends on it.
+def find_sole(link: str, frames: Mapping[str, Frame], shapes: Iterable[Shape], frame: str | None = None) -> Foot:
+    """Finds the point of a flat foot at which its contact's wrench is told: the `frame` that is given, else the one on
+    `link` whose name contains sole, foot or toe, else the middle of its spheres, else the link's origin. No row depends
+    on it.
     """
     spheres = [shape.translation for shape in shapes if shape.link == link and shape.kind == "sphere"]
-    named = [name for name, frame in frames.items() if frame.link == link and _SOLE_NAME.search(name) and name != link]
-    if named:
-        name = max(named, key=lambda n: _far(frames[n].translation))
+    if name := frame or _named(link, frames, _SOLE_NAME):
         return Foot(name, _triple(frames[name].translation), 0.0)
     middle = np.mean(spheres, axis=0) if spheres else np.zeros(3)
     return Foot(f"{link}_foot", _triple(middle), 0.0, "a flat foot")
+
+
+def _named(link: str, frames: Mapping[str, Frame], pattern: re.Pattern[str]) -> str:
+    """The farthest frame on a link with such a name; empty if there is none."""
+    named = [name for name, frame in frames.items() if frame.link == link and pattern.search(name) and name != link]
+    return max(named, key=lambda name: _far(frames[name].translation), default="")
 
 
 def _foot_at_frame(name: str, frame: Frame, spheres: list[Shape], near: float) -> Foot:
