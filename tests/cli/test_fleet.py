@@ -57,7 +57,7 @@ def test_where_all_fail_the_call_is_wrong(run: Callable[..., Any], tmp_path: Pat
     (tmp_path / "empty.parquet").touch()
     done = run("fleet", f"{tmp_path}/*.parquet", "--robot", "hyq", "--out", tmp_path / "out.parquet", "--workers", "0")
     assert done.code == 1
-    assert done.err.startswith(f"stadera: error: all 1 logs failed, the first: {tmp_path}/empty.parquet: the file is")
+    assert done.err.startswith(f"stadera: error: the only log failed: {tmp_path}/empty.parquet: the file is")
     assert len(read_fleet(tmp_path / "out.parquet").rows) == 1
 
 

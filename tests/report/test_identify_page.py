@@ -14,6 +14,8 @@ from stadera.identify.result import TorqueTrace
 from stadera.report.figures import Figure
 from stadera.report.identify.page import identification_html
 from stadera.report.identify.plots import error_figure, plotted_traces, torque_figure
+from stadera.report.identify.remarks import remarks
+from stadera.report.identify.tables import link_tables
 from stadera.report.numbers import number
 
 _VOID = {"meta", "br", "hr", "img", "link", "input"}
@@ -91,33 +93,48 @@ def test_names_are_escaped(html, page):
     assert "swing <RH> & co.csv" in page.text
 
 
-def test_what_was_not_measured_is_not_shown_as_if(result, page):
+def test_what_was_not_measured_is_not_listed_as_if(html, result, page):
     (leg,) = result.legs
-    rows = iter(page.rows)
-    for link in leg.leg.links:
+    for link, table in zip(leg.leg.links, link_tables(leg), strict=True):
         mass = leg.parameters[f"{link}.m"]
         assert mass.verdict is not Identifiability.OBSERVABLE
-        kind, shown = next((kind, text) for kind, text in rows if "mass" in text)
-        assert kind == str(mass.verdict)
-        assert shown.endswith("CAD, not measured")
-        assert "±" not in shown
-    unobservable = [text for kind, text in page.rows if kind == "unobservable"]
-    assert unobservable
-    assert all("not measured" in text and "±" not in text for text in unobservable)
-    observable = [text for kind, text in page.rows if kind == "observable"]
-    assert observable
-    assert all("±" in text for text in observable)
+        assert table.note.startswith("Not measured: mass")
+        assert table.note in page.text
+        assert not any(row[0].text == "mass" for _, rows in table.groups for row in rows)
+    kinds = {kind for kind, text in page.rows if kind in ("observable", "partial", "unobservable")}
+    assert kinds == {"observable", "partial"}
+    assert all("±" in text for kind, text in page.rows if kind in kinds)
+    held = sum(q.is_held for name, q in leg.parameters.items() if name.rsplit(".", 1)[0] in leg.leg.joints)
+    assert html.count(">not measured<") == held
 
 
 def test_marks_do_not_rest_on_colour_alone(result, page):
     symbols = {"observable": "●", "partial": "◐", "unobservable": "○"}
     marked = [(kind, text) for kind, text in page.rows if kind in symbols]
-    assert len(marked) == 3 * 10 + len(result.legs[0].combinations)
-    assert all(text.startswith(symbols[kind]) for kind, text in marked)
     (leg,) = result.legs
+    measured = [q for name, q in leg.parameters.items() if name.rsplit(".", 1)[0] in leg.leg.links and not q.is_held]
+    assert len(marked) >= len(measured)
+    assert all(text.startswith(symbols[kind]) for kind, text in marked)
     for joint in leg.leg.joints:
-        drive = next(text for _, text in page.rows if text.startswith(joint) and "[" in text)
+        drive = next(text for _, text in page.rows if text.startswith(joint) and "±" in text)
         assert sum(drive.count(symbol) for symbol in symbols.values()) == 4
+
+
+def test_drives_come_before_errors_and_legs_are_folded(html):
+    places = [html.index(f'id="{name}"') for name in ("drives", "errors", "remarks", "RH", "log", "how")]
+    assert places == sorted(places)
+    many = html[html.index('id="log"') :]
+    assert many.index("<details>") < many.index("What was done to the log")
+
+
+def test_warnings_of_legs_that_differ_in_numbers_are_one(result):
+    (leg,) = result.legs
+    legs = [
+        replace(leg, leg=replace(leg.leg, name=name), warnings=(f"poor: {rank} of 33 by 0.{rank}",))
+        for name, rank in (("LF", 13), ("RF", 9))
+    ]
+    texts = [remark.text for remark in remarks(replace(result, legs=tuple(legs)))]
+    assert "LF, RF: poor: 9 to 13 of 33 by 0.13 to 0.9" in texts
 
 
 def test_shows_errors_of_every_joint_and_their_unit(result, page):

@@ -304,7 +304,7 @@ def test_six_legs(tmp_path: Path) -> None:
 
 
 def test_one_leg(tmp_path: Path) -> None:
-    assert "1 legs" in _refused(write(tmp_path, quadruped(RH="", LH="", RF="")))
+    assert "1 leg of three" in _refused(write(tmp_path, quadruped(RH="", LH="", RF="")))
 
 
 @pytest.mark.parametrize(

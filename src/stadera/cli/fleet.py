@@ -140,12 +140,13 @@ def _links(table: FleetTable, pages: Path | None, report: Path | None) -> dict[s
 def _merge(table: FleetTable, jobs: list[LogJob], path: Path) -> None:
     """Writes one file per robot: for a single one to the path itself, else with the robot's name in it."""
     from stadera.fleet.merge import merge_fleet
+    from stadera.report.numbers import counted
 
     merged = merge_fleet(table, jobs)
     paths = {name: path if len(merged) == 1 else path.with_stem(f"{path.stem}-{Path(name).stem}") for name in merged}
     write_outputs(*((paths[name], json_of(legs.to_dict)) for name, legs in merged.items()))
     for name, legs in merged.items():
-        show(f"{name}: legs by {len(legs.logs)} logs, {legs.trust.verdict}, misfit {legs.trust.misfit:.2g}")
+        show(f"{name}: legs by {counted(len(legs.logs), 'log')}, {legs.trust.verdict}, misfit {legs.trust.misfit:.2g}")
 
 
 def _require_any(table: FleetTable) -> None:
@@ -153,4 +154,5 @@ def _require_any(table: FleetTable) -> None:
     from stadera.errors import StaderaError
 
     if all(row["status"] == "failed" for row in table.rows):
-        raise StaderaError(f"all {len(table.rows)} logs failed, the first: {table.rows[0]['error']}")
+        many = f"all {len(table.rows)} logs failed, the first" if len(table.rows) > 1 else "the only log failed"
+        raise StaderaError(f"{many}: {table.rows[0]['error']}")

@@ -64,7 +64,7 @@ class MergedLegs:
         mark = {"trusted": False} if self.trust.verdict == "bad" else {}
         return {
             "robot": self.robot.name,
-            "source": f"{len(self.logs)} logs",
+            "source": f"{len(self.logs)} log{'s' * (len(self.logs) != 1)}",
             "logs": list(self.logs),
             "method": self.legs[0].estimate.method,
             "trust": self.trust.to_dict(),

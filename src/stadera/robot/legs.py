@@ -168,6 +168,7 @@ def _not_four(file: ModelFile, chains: list[list[int]], found: int) -> str:
     ]
     listed = ", ".join(f"{file.joint(chain[0]).name} ({len(chain)})" for chain in chains) or "none"
     return (
-        f"{file.path}: {''.join(wrong)}trunk {file.trunk!r} has {found} legs of three revolute joints, a quadruped "
-        f"has 4; chains on it (joints): {listed}; --feet and --trunk name them where they are not found"
+        f"{file.path}: {''.join(wrong)}trunk {file.trunk!r} has {found} leg{'s' * (found != 1)} of three revolute "
+        f"joints, a quadruped has 4; chains on it (joints): {listed}; --feet and --trunk name them where they are not "
+        "found"
     )

@@ -250,7 +250,10 @@ class TrunkEstimator:
             found = self.remember(memory, days)
         except IdentificationError as error:
             return None, f"the robot's memory stays as it was: {error}"
-        return found, f"the robot's memory of {memory.logs} logs is used, and has {found.logs} now"
+        return (
+            found,
+            f"the robot's memory is used: of {memory.logs} earlier log{'s' * (memory.logs != 1)}, and of this one",
+        )
 
     def restart(self) -> None:
         """Announces that the next samples do not continue the previous ones; their rate may differ. Estimates are

@@ -176,8 +176,8 @@ class Memory:
         what, apart = self.contradiction(layout, model.variance, mean, variance, settings)
         if apart > settings.contradicted:
             raise IdentificationError(
-                f"this log contradicts the memory of {self.logs} logs in the {what}, by {apart:.1f} standard "
-                "deviations: a part that was changed, or another robot; it is not remembered"
+                f"this log contradicts the memory of {self.logs} log{'s' * (self.logs != 1)} in the {what}, by "
+                f"{apart:.1f} standard deviations: a part that was changed, or another robot; it is not remembered"
             )
         start, gain, scale = np.diag(errors.start).copy(), layout.places["gain"], layout.places["common_gain"]
         start[gain] -= start[gain].mean() / layout.joints  # the gains' mean is zero

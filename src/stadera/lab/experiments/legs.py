@@ -30,6 +30,7 @@ from stadera.logs.recording import concatenate
 from stadera.logs.topics import example
 from stadera.report.figures import Axis, Figure, Panel, line, stacked
 from stadera.report.look import ROLES
+from stadera.report.numbers import compared, number
 from stadera.report.table import Cell, TableData
 from stadera.robot import load_robot
 from stadera.robot.model import Robot
@@ -210,7 +211,7 @@ def _rmse_table(result: Identification, title: str, note: str, models: tuple[str
     """Torque RMSE on validation, one row per joint, one column per model (the reference first, identified last)."""
 
     def figure(value: float) -> str:
-        return f"{value:.4f}" if value >= 1e-4 or value == 0.0 else f"{value:.1e}"
+        return f"{value:.4f}" if value >= 1e-4 or value == 0.0 else number(value, 3)
 
     head = ("joint", "torque RMS [N·m]", *(f"{NAMES[m]} [N·m]" for m in models), f"against {NAMES[models[-2]]}")
     groups = {}
@@ -218,8 +219,8 @@ def _rmse_table(result: Identification, title: str, note: str, models: tuple[str
         rms, rows = np.sqrt(np.mean(_validation(leg).measured ** 2, axis=0)), []
         for k, joint in enumerate(leg.leg.joints):
             *others, identified = (leg.rmse[PART][m][joint] for m in models)
-            change = 100.0 * (identified / others[-1] - 1.0) if others[-1] else 0.0
-            last = Cell(figure(identified), strong=True), Cell(f"{change:+.1f} %", good=change <= 0.0)
+            change = Cell(compared(identified, others[-1]), good=identified <= others[-1])
+            last = Cell(figure(identified), strong=True), change
             rows.append((joint, f"{rms[k]:.3f}", *map(figure, others), *last))
         groups[leg.leg.name] = rows
     return TableData.of(title, head, groups, note)

@@ -9,7 +9,7 @@ from rich.padding import Padding
 from rich.text import Text
 
 from stadera.lab.experiments.result import ExperimentResult, Record, Skipped
-from stadera.report.numbers import number
+from stadera.report.numbers import counted, number
 from stadera.report.page import render
 from stadera.report.table import SHOWN, Cell, TableData
 from stadera.report.terminal import legend, rich_table
@@ -21,8 +21,8 @@ def outcome(result: ExperimentResult) -> str:
     """Number of bounds met, in half a sentence."""
     bounded = sum(record.met is not None for record in result.records)
     if not result.missed:
-        return f"all {bounded} bounds met"
-    return f"{len(result.missed)} of {bounded} bounds NOT met"
+        return "its bound is met" if bounded == 1 else f"all {bounded} bounds met"
+    return f"{len(result.missed)} of {counted(bounded, 'bound')} NOT met"
 
 
 def compared_records(result: ExperimentResult) -> tuple[Record, ...]:
@@ -105,9 +105,9 @@ def _verdict(missed: int, bounded: int) -> tuple[str, str, str, str]:
     """Level, word, headline and reason."""
     if missed:
         why = "A bound that is missed is a measurement, not an error; why is said below."
-        return "warning", f"{missed} missed", f"{bounded - missed} of {bounded} bounds are met", why
+        return "warning", f"{missed} missed", f"{bounded - missed} of {counted(bounded, 'bound')} met", why
     if bounded:
-        return "note", "All met", f"{bounded} of {bounded} bounds are met", ""
+        return "note", "All met", f"{bounded} of {counted(bounded, 'bound')} met", ""
     return "note", "Measured", "No bound is set; values alone", ""
 
 

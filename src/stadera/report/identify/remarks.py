@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+import re
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from math import sqrt
 
@@ -13,6 +14,7 @@ from stadera.identify.result import MODELS, Identification, LegIdentification
 from stadera.report.numbers import compared, number
 from stadera.report.trust import LEVELS, Level, trust_text
 
+_NUMBER = re.compile(r"(?<![\w.])\d+(?:\.\d+)?(?![\w])")
 _HEADLINES: dict[Level, str] = {
     "bad": "Do not use these numbers as they are",
     "warning": "Worth knowing before using the numbers",
@@ -105,11 +107,23 @@ def _on_legs(result: Identification) -> Iterator[str]:
     """Yields the warnings on legs, each once, with the legs' names unless it names a joint or link."""
     parts = tuple(name for leg in result.legs for name in (*leg.leg.joints, *leg.leg.links))
     legs: dict[str, list[str]] = {}
+    sentences: dict[str, list[str]] = {}
     for leg in result.legs:
         for sentence in leg.warnings:
-            legs.setdefault(sentence, []).append(leg.leg.name)
-    for sentence, names in legs.items():
+            alike = sentence if sentence.startswith(parts) else _NUMBER.sub("#", sentence)
+            legs.setdefault(alike, []).append(leg.leg.name)
+            sentences.setdefault(alike, []).append(sentence)
+    for alike, names in legs.items():
+        sentence = _ranged(sentences[alike])
         yield sentence if sentence.startswith(parts) else f"{', '.join(names)}: {sentence}"
+
+
+def _ranged(sentences: Sequence[str]) -> str:
+    """Sentences that differ in their numbers alone as one, with the range of each number."""
+    numbers = zip(*(_NUMBER.findall(sentence) for sentence in sentences), strict=True)
+    spans = ((min(found, key=float), max(found, key=float)) for found in numbers)
+    texts = iter([low if low == high else f"{low} to {high}" for low, high in spans])
+    return _NUMBER.sub(lambda _: next(texts), sentences[0])
 
 
 def is_alarming(result: Identification) -> bool:

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from math import nan
 
 from rich.console import RenderableType
 from rich.text import Text
 
-from stadera.constants import SAME
+from stadera.constants import NOTHING, SAME
 from stadera.identify.result import Identification, LegIdentification, Quantity
 from stadera.inertia import ORDER
 from stadera.report.identify.remarks import evaluated_part, level, overall_rmse, remarks, torque_rms, verdict
-from stadera.report.numbers import compared, number, with_std
+from stadera.report.numbers import compared, counted, listed, number, with_std
 from stadera.report.table import Cell, TableData
 from stadera.report.terminal import legend, rich_table
 from stadera.report.trust import STYLES, marked
@@ -39,18 +40,32 @@ def shown(quantity: Quantity, prior: str = "CAD") -> str:
     return f"{NOT_MEASURED} ({number(quantity.value, 3)})"
 
 
+def _prior(quantity: Quantity) -> str:
+    """The prior, zero except for rounding as zero."""
+    return number(quantity.prior if abs(quantity.prior) > NOTHING else 0.0, 3)
+
+
 def _compact(quantity: Quantity | None) -> Cell | str:
     """Value and prior in one cell."""
     if quantity is None:
         return ""
-    return Cell(shown(quantity, "prior"), quantity.verdict, note=f"[{number(quantity.prior, 3)}]")
+    return Cell(shown(quantity, "prior"), quantity.verdict, note=f"[{_prior(quantity)}]")
 
 
-def _row(name: str, quantity: Quantity, prior: str = "CAD") -> tuple[Cell, ...]:
+def _drive(quantity: Quantity | None) -> Cell | str:
+    """As `_compact`, without the number of a value that was not measured, and without a prior of zero."""
+    if quantity is None:
+        return ""
+    if quantity.is_held:
+        return Cell(NOT_MEASURED, quantity.verdict, muted=True)
+    prior = f"[{_prior(quantity)}]" if abs(quantity.prior) > NOTHING else ""
+    return Cell(shown(quantity), quantity.verdict, note=prior)
+
+
+def _row(name: str, quantity: Quantity) -> tuple[Cell, ...]:
     """Name with unit, prior, and the value with its standard deviation."""
-    held = quantity.is_held
     named = Cell(name, quantity.verdict, note=f"[{quantity.unit}]")
-    return named, Cell(number(quantity.prior, 3)), Cell(shown(quantity, prior), strong=not held, muted=held)
+    return named, Cell(_prior(quantity)), Cell(shown(quantity), strong=True)
 
 
 def leg_table(result: Identification) -> TableData:
@@ -89,7 +104,7 @@ def drives_table(result: Identification) -> TableData:
     of_leg = {leg.leg.name: _joint_quantities(leg) for leg in result.legs}
     units = {t: q.unit for joints in of_leg.values() for terms in joints.values() for t, q in terms.items()}
     body = {
-        leg: [[joint, *(_compact(terms.get(term)) for term in units)] for joint, terms in joints.items()]
+        leg: [[joint, *(_drive(terms.get(term)) for term in units)] for joint, terms in joints.items()]
         for leg, joints in of_leg.items()
         if joints
     }
@@ -151,19 +166,27 @@ def _against_cad(errors: dict[str, float]) -> Cell:
 
 
 def link_tables(leg: LegIdentification) -> Iterator[TableData]:
-    """Each link's mass, centre of mass and inertia, one table per link."""
+    """What was measured of each link's mass, centre of mass and inertia, a table a link; its note names the rest."""
     for link in leg.leg.links:
-        yield _quantity_table(link, [_row(name, q) for name, q in _link_quantities(leg, link).items()])
+        found = _link_quantities(leg, link)
+        hidden = [name for name, quantity in found.items() if quantity.is_held]
+        table = _quantity_table(link, found, "CAD", "parameter")
+        yield replace(table, note=f"Not measured: {listed(hidden)}." if hidden else "")
 
 
 def combination_table(leg: LegIdentification) -> TableData:
-    """Combinations of parameters that this kind of motion can determine."""
-    rows = [_row(c.text, Quantity(c.prior, c.value, c.std, c.verdict, c.unit), "prior") for c in leg.combinations]
-    return _quantity_table("Identifiable combinations of parameters", rows, "prior", "combination")
+    """The measured ones of the combinations of parameters that this kind of motion can determine; its note counts the
+    others.
+    """
+    found = {c.text: Quantity(c.prior, c.value, c.std, c.verdict, c.unit) for c in leg.combinations}
+    hidden = sum(quantity.is_held for quantity in found.values())
+    table = _quantity_table("Identifiable combinations of parameters", found, "prior", "combination")
+    return replace(table, note=f"{counted(hidden, 'more combination')} not measured." if hidden else "")
 
 
-def _quantity_table(title: str, rows: list[tuple[Cell, ...]], prior: str = "CAD", name: str = "parameter") -> TableData:
-    """Quantities in rows: prior and identified value."""
+def _quantity_table(title: str, found: Mapping[str, Quantity], prior: str, name: str) -> TableData:
+    """Measured quantities in rows: prior and identified value."""
+    rows = [_row(text, quantity) for text, quantity in found.items() if not quantity.is_held]
     return TableData.of(title, (name, prior, "identified ± std"), rows)
 
 
