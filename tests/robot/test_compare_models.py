@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ from stadera.robot import JointDynamics, load_robot
 from stadera.robot.actuators import actuators_yaml
 from stadera.robot.compare import differences
 from stadera.robot.export import export_model
+from stadera.robot.model import Frame
 
 
 def test_a_robot_equals_itself_and_its_copy(tmp_path: Path) -> None:
@@ -37,6 +39,35 @@ def test_each_changed_value_is_named(tmp_path: Path, run: Any) -> None:
     assert link in ended.out
     assert "differ in 2 values" in ended.err
     assert run("inspect", "hyq", "hyq").code == 0
+
+
+def test_limits_places_feet_and_imu_are_compared_each_in_its_own_size() -> None:
+    robot = load_robot("hyq")
+    joint, foot = robot.tree.joints[4], robot.legs[0]
+    limits = {**robot.limits, joint: replace(robot.limits[joint], lower=robot.limits[joint].lower + 1e-5)}
+    moved = robot.tree.translations.copy()
+    moved[4, 2] += 1e-4
+    changed = replace(
+        robot,
+        limits=limits,
+        tree=replace(robot.tree, translations=moved),
+        legs=(replace(foot, foot_radius=foot.foot_radius + 1e-3), *robot.legs[1:]),
+        frames={"my_imu": Frame(robot.trunk, np.eye(3), np.array([0.0, 0.0, 0.1]))},
+    )
+    found = {(d.of, d.value) for d in differences(robot, changed)}
+    expected = {(joint, "origin z [m]"), (joint, "lower [rad]"), (f"foot {foot.name}", "radius [m]")}
+    assert expected <= found
+    assert {of for of, _ in found - expected} == {"IMU"}
+
+
+def test_a_missing_leg_is_one_line_for_each_part() -> None:
+    robot = load_robot("hyq")
+    leg = robot.legs[-1]
+    tree = robot.tree.restricted(tuple(j for j in robot.tree.joints if j not in leg.joints))
+    three = replace(robot, tree=tree, legs=robot.legs[:-1])
+    found = list(differences(robot, three))
+    assert [d.of for d in found] == [*leg.links, *leg.joints, f"foot {leg.name}"]
+    assert all(d.second is None and d.first is not None for d in found)
 
 
 def test_drives_are_yaml_with_ranges_of_what_was_determined() -> None:

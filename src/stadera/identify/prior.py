@@ -25,8 +25,8 @@ from stadera.inertia import ORDER, PSEUDO_BASIS, InertialParameters
 from stadera.robot.model import JointDynamics, Robot
 from stadera.types import Array
 
-_UPPER = tuple((i, j) for i in range(4) for j in range(i, 4))
-_SYMMETRIC_BASIS = np.zeros((10, 4, 4))
+_SYMMETRIC_BASIS = np.zeros_like(PSEUDO_BASIS)
+_UPPER = tuple(zip(*np.triu_indices_from(PSEUDO_BASIS[0]), strict=True))
 for _k, (_i, _j) in enumerate(_UPPER):
     _SYMMETRIC_BASIS[_k, _i, _j] = _SYMMETRIC_BASIS[_k, _j, _i] = 1.0 if _i == _j else np.sqrt(0.5)
 _MASS_COORDINATE = _UPPER.index((3, 3))
@@ -130,7 +130,7 @@ def positive_definite(inertia: InertialParameters, floor: float = 1e-4, thinnest
     lifted = np.maximum(lam, max(floor * lam.max(), thinnest**2 * inertia.mass))
     if np.array_equal(lifted, lam):
         return inertia
-    about_com = np.zeros((4, 4))
+    about_com = np.zeros_like(inertia.pseudo_inertia)
     about_com[:3, :3], about_com[3, 3] = (V * lifted) @ V.T, inertia.mass
     return InertialParameters.from_pseudo_inertia(about_com).shifted(inertia.com)
 

@@ -32,7 +32,7 @@ def comparison(first: Robot, second: Robot, found: Sequence[Difference]) -> Iter
     """The masses of two models, and each value in which they differ."""
     yield Text(f"{first.name}: {number(first.mass, 6)} kg; {second.name}: {number(second.mass, 6)} kg", style="bold")
     if not found:
-        yield Text("The same in every mass, centre, inertia, drive and limit.")
+        yield Text("The same in every mass, centre, inertia, place, drive and limit, in feet and IMU.")
         return
     rows = [(d.of, d.value, *("none" if v is None else number(v, 6) for v in (d.first, d.second))) for d in found]
     yield rich_table(TableData.of("Differences", ("of", "value", first.name, second.name), rows, sides="llrr"))

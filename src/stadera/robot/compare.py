@@ -1,4 +1,6 @@
-"""Whether two model files are one robot: inertial parameters link by link, drives and limits joint by joint."""
+"""Whether two model files are one robot: inertial parameters link by link, places, drives and limits joint by joint,
+feet, IMU.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +11,9 @@ from math import isfinite
 
 import numpy as np
 
+from stadera.robot.imu import ImuMount
 from stadera.robot.model import Robot
+from stadera.types import Array
 
 SAME = 1e-6
 """Relative difference below which two values are the same: a file's rounding."""
@@ -21,9 +25,9 @@ _LIMITS = {"lower": "rad", "upper": "rad", "velocity": "rad/s", "effort": "N·m"
 
 @dataclass(frozen=True)
 class Difference:
-    """One value in which two models differ; None where one has no such link or joint."""
+    """One value in which two models differ; None where one has no such link, joint or foot."""
 
-    of: str  # the link or joint
+    of: str  # the link, joint, foot or IMU
     value: str  # its name, with its unit
     first: float | None
     second: float | None
@@ -44,21 +48,35 @@ def differences(first: Robot, second: Robot) -> Iterator[Difference]:
 
 
 def _values(robot: Robot) -> dict[str, dict[str, tuple[float, float]]]:
-    """By link and joint, each value by its name with its unit, and the size that its rounding is a share of."""
+    """By link, joint, foot and IMU, each value by its name and unit, and the size that its rounding is a share of."""
     found: dict[str, dict[str, tuple[float, float]]] = {}
     for link in robot.tree.links:
         body, tensor = robot.inertias[link], robot.inertias[link].inertia_com
-        length, largest = float(np.linalg.norm(body.com)), float(np.abs(tensor).max())
+        largest = float(np.abs(tensor).max())
         found[link] = {"mass [kg]": (body.mass, body.mass)}
-        found[link] |= {
-            f"centre {a} [m]": (float(x), max(length, _LEAST)) for a, x in zip("xyz", body.com, strict=True)
-        }
+        found[link] |= _vector("centre", "m", body.com)
         for i, j in combinations_with_replacement(range(3), 2):
             found[link][f"I{'xyz'[i]}{'xyz'[j]} about the centre [kg·m²]"] = float(tensor[i, j]), largest
-    for joint in robot.tree.joints:
+    tree = robot.tree
+    for k, joint in enumerate(tree.joints):
         found[joint] = {"in the tree [0 or 1]": (1.0, 1.0)}
+        found[joint] |= _vector("origin", "m", tree.translations[k])
+        found[joint] |= _vector("axis", "1", tree.rotations[k] @ tree.axes[k])
         for values, units in ((robot.dynamics[joint], _DYNAMICS), (robot.limits[joint], _LIMITS)):
             for name, unit in units.items():
                 value = float(getattr(values, name))
                 found[joint][f"{name} [{unit}]"] = value, max(abs(value), _LEAST) if isfinite(value) else 0.0
+    for leg in robot.legs:
+        found[f"foot {leg.name}"] = {"radius [m]": (leg.foot_radius, _LEAST)}
+        found[f"foot {leg.name}"] |= _vector("centre", "m", np.array(leg.foot_position))
+    mount = ImuMount.of(robot)
+    found["IMU"] = _vector("place", "m", mount.translation)
+    for axis, direction in zip("xyz", mount.rotation.T, strict=True):
+        found["IMU"] |= _vector(f"{axis} axis", "1", direction)
     return found
+
+
+def _vector(name: str, unit: str, values: Array) -> dict[str, tuple[float, float]]:
+    """Its components, whose rounding is a share of its length."""
+    length = max(float(np.linalg.norm(values)), _LEAST)
+    return {f"{name} {axis} [{unit}]": (float(x), length) for axis, x in zip("xyz", values, strict=True)}
