@@ -6,9 +6,11 @@ from functools import cache
 
 import numpy as np
 import pytest
+import typer
 
 from layout import ERRORS, LAYOUT, PLACES
 from stadera import IdentificationError, TrunkEstimator, load_robot, weigh
+from stadera.cli import parse
 from stadera.inertia import InertialParameters
 from stadera.lab.plant import STANDARD
 from stadera.logs import Recording
@@ -19,7 +21,6 @@ from stadera.trunk.outside import Correction, Knowledge
 from stadera.trunk.segment import Segment, WeightedRows
 from stadera.trunk.settings import ModelErrors, SwingDetection
 from stadera.trunk.swing import SwingJoints
-from stadera.weigh.settings import weight_of
 from walking import Walk, recorded, walked
 
 HYQ = load_robot("hyq")
@@ -130,12 +131,14 @@ def test_a_scale_that_contradicts_the_log_is_said() -> None:
 
 
 def test_bad_weights_are_named() -> None:
-    assert weight_of("15.2kg±0.05") == (15.2, 0.05)
-    assert weight_of("15.2 +- 0.1") == (15.2, 0.1)
-    assert weight_of("15")[1] == pytest.approx(0.058, abs=0.001)
+    assert parse.weight("15.2kg±0.05") == (15.2, 0.05)
+    assert parse.weight("15.2 +- 0.1") == (15.2, 0.1)
+    assert parse.weight("15")[1] == pytest.approx(0.058, abs=0.001)
     for text in ("heavy", "-3kg", "15±x", "nan"):
-        with pytest.raises(IdentificationError, match="is not a weight like"):
-            weight_of(text)
+        with pytest.raises(typer.BadParameter, match="is not a weight like"):
+            parse.weight(text)
+    with pytest.raises(IdentificationError, match="on a scale"):
+        weigh(HYQ, loaded(), weight=-3.0)
     with pytest.raises(IdentificationError, match=r"the legs of hyq alone have .* kg"):
         weigh(HYQ, loaded(), weight=2.0)
     with pytest.raises(IdentificationError, match="a weight is used in motion"):

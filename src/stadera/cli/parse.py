@@ -114,19 +114,36 @@ def tare_range(value: str) -> tuple[float, float]:
 
 
 def weight(value: str) -> tuple[float, float]:
-    """Mass and standard deviation [kg], "15.2kg±0.05"."""
-    from stadera.weigh.settings import weight_of
+    """Mass and standard deviation [kg], "15.2kg±0.05" (also "+-", "kg" optional); without the latter a bathroom
+    scale's.
+    """
+    from stadera.weigh.settings import weight_std
 
-    with _bad_usage():
-        return weight_of(value)
+    first, _, last = value.replace("+-", "±").replace("kg", "").partition("±")
+    mass, *std = _numbers([first, last] if last else [first])
+    if not mass > 0.0 or not min(std, default=0.0) >= 0.0:
+        raise typer.BadParameter(f"{value!r} is not a weight like 15.2kg or 15.2kg±0.05")
+    return mass, std[0] if std else weight_std(mass)
 
 
 def known(value: str) -> TestWeight:
     """A payload that is known, "5kg@0.1,0,0.08"."""
     from stadera.weigh.settings import TestWeight
 
-    with _bad_usage():
-        return TestWeight.of(value)
+    weighs, _, place = value.partition("@")
+    mass, *at = _numbers([weighs.replace("kg", ""), *place.split(",")])
+    if len(at) != 3 or not mass > 0.0:
+        raise typer.BadParameter(f"{value!r} is not a test weight like 5kg@0.1,0,0.08")
+    return TestWeight(mass, (at[0], at[1], at[2]))
+
+
+def _numbers(texts: list[str]) -> list[float]:
+    """The numbers; all NaN if one is none or not finite."""
+    try:
+        found = [float(text) for text in texts]
+    except ValueError:
+        found = []
+    return found if found and isfinite(sum(found)) else [float("nan")] * len(texts)
 
 
 @contextmanager

@@ -18,7 +18,7 @@ from stadera.robot.model import Robot
 from stadera.trunk.estimator import TrunkEstimator
 from stadera.trunk.load import SIGNIFICANT, Payload
 from stadera.trunk.protocol import Weigher
-from stadera.weigh.settings import weight_of
+from stadera.weigh.settings import weight_std
 
 
 @dataclass(frozen=True)
@@ -88,7 +88,7 @@ def _known(robot: Robot, estimator: TrunkEstimator, limits: UseLimits) -> Iterat
     """A scale, and a test weight."""
     before = "" if estimator.payload is None else " as it was at the tare"
     scale = f"put the robot{before} on a scale and weigh with --weight"
-    yield NextStep(scale, *estimator.bars_on_scale(weight_of(f"{robot.mass}")[1]))
+    yield NextStep(scale, *estimator.bars_on_scale(weight_std(robot.mass)))
     if estimator.payload is not None:
         weight = limits.test_weight * robot.mass
         do = (

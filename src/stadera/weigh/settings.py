@@ -99,19 +99,9 @@ def check_choice(method: str | None, stiffness: tuple[float, float, float] | Non
         )
 
 
-def weight_of(text: str) -> tuple[float, float]:
-    """Parses a weight "15.2kg±0.05" (also "+-", "kg" optional) as mass and standard deviation [kg]. Without the latter
-    it is 0.2 % and 50 g, as of a bathroom scale. Raises IdentificationError: not of this form, or not positive.
-    """
-    value, _, std = text.replace("+-", "±").replace("kg", "").partition("±")
-    try:
-        mass = float(value)
-        found = mass, float(std) if std else float(np.hypot(0.05, 0.002 * mass))
-    except ValueError:
-        found = np.nan, np.nan
-    if not (np.isfinite(found).all() and found[0] > 0.0 and found[1] >= 0.0):
-        raise IdentificationError(f"{text!r} is not a weight like 15.2kg or 15.2kg±0.05")
-    return found
+def weight_std(mass: float) -> float:
+    """Standard deviation of a mass on a bathroom scale [kg]: 0.2 % and 50 g."""
+    return float(np.hypot(0.05, 0.002 * mass))
 
 
 @dataclass(frozen=True)
@@ -126,19 +116,6 @@ class TestWeight:
     com: tuple[float, float, float]
     mass_std: float = 0.005
     com_std: float = 0.005
-
-    @classmethod
-    def of(cls, text: str) -> TestWeight:
-        """Parses "5kg@x,y,z" [kg, m]. Raises IdentificationError: not of this form."""
-        weight, at, place = text.partition("@")
-        try:
-            x, y, z = (float(part) for part in place.split(","))
-            mass = float(weight.replace("kg", ""))
-        except ValueError:
-            mass, x, y, z = np.nan, np.nan, np.nan, np.nan
-        if not (at and np.isfinite([mass, x, y, z]).all() and mass > 0.0):
-            raise IdentificationError(f"{text!r} is not a test weight like 5kg@0.1,0,0.08")
-        return cls(mass, (x, y, z))
 
 
 def tare_of(text: str) -> tuple[float, float] | str:

@@ -8,7 +8,7 @@ import numpy as np
 
 from stadera.checks import Finding, Guard
 from stadera.checks.other_robot import other_robots
-from stadera.errors import IdentificationError, RecordingError, StaderaError, UntrustedError
+from stadera.errors import IdentificationError, RecordingError, StaderaError, UntrustedError, positive
 from stadera.logs.columns import HALF_IMU
 from stadera.logs.reader import Log, as_log
 from stadera.logs.recording import Recording
@@ -23,7 +23,7 @@ from stadera.types import Progress
 from stadera.weigh.pipeline import Request, weighed
 from stadera.weigh.reading import CheckedLog, with_extra_joints
 from stadera.weigh.result import Weighing
-from stadera.weigh.settings import IN_MOTION, TestWeight, Watch, WeighSettings, check_choice, weight_of
+from stadera.weigh.settings import IN_MOTION, TestWeight, Watch, WeighSettings, check_choice, weight_std
 
 WITH_IMU, WITHOUT_IMU = "contact", "poses"
 """Default methods at rest."""
@@ -96,7 +96,9 @@ def weigh(
     if at is not None and place_of(model, at).body >= len(model.tree.joints) and source.first.others is None:
         raise RecordingError(f"{source.source.source}: --at {at}: the log lacks the joints that carry it")
     name = method or _choose_method(source, others, chosen)
-    on_scale = weight_of(f"{weight}") if isinstance(weight, int | float) else weight
+    on_scale = weight if isinstance(weight, tuple) or weight is None else (weight, weight_std(weight))
+    if on_scale is not None:
+        positive("a robot's weight on a scale", on_scale[0], "kg", IdentificationError)
     _check_method(name, source, others, watch is not None, on_scale is not None, known or memory, at)
     if (untold := [leg.name for leg in model.legs if any(leg.unfelt)]) and method_of(name).at_rest:
         raise IdentificationError(
