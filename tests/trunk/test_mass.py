@@ -12,6 +12,7 @@ from stadera.errors import StaderaError
 from stadera.lab.control import TestBed, TrunkController
 from stadera.lab.laws.mass import MassEstimator, MassSettings
 from stadera.lab.plant import IDEAL, STANDARD, Plant, RigidMass, SensorErrors, Sensors, Terrain
+from stadera.lab.sensors import measurement_of
 from stadera.robot import load_robot
 from stadera.robot.imu import ImuMount
 from stadera.robot.stance import standing_configuration
@@ -35,7 +36,7 @@ def standing() -> Plant:
 def samples(plant: Plant, errors: SensorErrors, seed: int, count: int) -> list[Measurement]:
     """What the sensors say of a plant at rest, over and over."""
     sensors, mount = Sensors(errors, seed, ROBOT), ImuMount.of(ROBOT)
-    said = [Measurement.from_sample(sensors.read(plant), mount) for _ in range(count)]
+    said = [measurement_of(sensors.read(plant), mount) for _ in range(count)]
     return [replace(m, time=1e-3 * k) for k, m in enumerate(said)]
 
 

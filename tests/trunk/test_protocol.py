@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 from stadera.errors import ModelError, RecordingError, StaderaError, UnknownNameError
 from stadera.lab.laws.mass import MassEstimator
 from stadera.lab.plant import IDEAL, Plant, SensorReading, Sensors, recording_of
+from stadera.lab.sensors import measurement_of
 from stadera.logs import Imu
 from stadera.robot import Robot, load_robot
 from stadera.robot.imu import ImuMount
@@ -19,7 +20,6 @@ from stadera.trunk import (
     Estimator,
     ForceNoise,
     ImplausibleError,
-    Measurement,
     StaticLimits,
     Status,
     TrunkBounds,
@@ -70,7 +70,7 @@ def test_measurement_in_trunk_axes(robot: Robot) -> None:
     """IMU turned and away from the origin: the trunk's own motion comes out, but for the angular acceleration."""
     samples, (plant,) = shaken(robot, 30)
     mount = ImuMount.of(robot)
-    measurement, truth = Measurement.from_sample(samples[-1], mount), plant.state
+    measurement, truth = measurement_of(samples[-1], mount), plant.state
     np.testing.assert_allclose(measurement.angular_velocity, truth.angular_velocity, atol=1e-12)
     np.testing.assert_allclose(measurement.rotation, truth.rotation, atol=1e-12)
     specific = truth.rotation.T @ (truth.linear_acceleration + np.array([0.0, 0.0, 9.81]))
@@ -86,7 +86,7 @@ def test_a_logs_measurements_are_those_of_its_samples(robot: Robot) -> None:
     samples, _ = shaken(robot, 20)
     mount = ImuMount.of(robot)
     for found, sample in zip(measurements_of(recording_of(samples, robot), robot), samples, strict=True):
-        expected = Measurement.from_sample(sample, mount)
+        expected = measurement_of(sample, mount)
         assert found.time == expected.time
         for name in (
             "joint_position",
@@ -130,7 +130,7 @@ def test_a_sample_that_is_not_finite(robot: Robot) -> None:
             values = getattr(samples[-1], name).copy()
             values[1] = bad
             with pytest.raises(RecordingError, match="not finite"):
-                Measurement.from_sample(replace(samples[-1], **{name: values}), ImuMount.of(robot))
+                measurement_of(replace(samples[-1], **{name: values}), ImuMount.of(robot))
 
 
 def test_imu_on_a_leg_is_refused(robot: Robot) -> None:

@@ -13,11 +13,11 @@ from scipy.spatial.transform import Rotation
 from stadera.errors import IdentificationError, ModelError
 from stadera.lab.laws.contact_com import ContactCom
 from stadera.lab.laws.orientation import OrientationCom
+from stadera.lab.laws.posture import PostureLaw
 from stadera.lab.laws.recursive import LawSettings, Phase, Plane, Settled, settling_time, step_size
 from stadera.robot import load_robot
 from stadera.robot.stance import standing_configuration
 from stadera.trunk import Measurement, Status, TrunkModel
-from stadera.trunk.posture import PostureLaw
 from standing import StandingRobot
 
 ROBOT = load_robot("hyq")

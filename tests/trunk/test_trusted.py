@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from stadera.errors import StaderaError
+from stadera.lab.supervise.trusted import TrustedEstimator, TrustLimits
 from stadera.robot import load_robot
 from stadera.trunk.measurement import Measurement
 from stadera.trunk.model import TrunkModel
 from stadera.trunk.protocol import Estimator, Status, TrunkEstimate, unobserved
-from stadera.trunk.trusted import TrustedEstimator, TrustLimits
 
 HYQ = load_robot("hyq")
 PRIOR = TrunkModel.prior(HYQ)

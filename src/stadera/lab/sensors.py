@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from math import isfinite
 
 import mujoco
 import numpy as np
@@ -12,7 +13,7 @@ from scipy.linalg import block_diag
 from scipy.spatial.transform import Rotation
 
 from stadera.constants import ROUNDING
-from stadera.errors import ModelError
+from stadera.errors import ModelError, RecordingError
 from stadera.inertia import InertialParameters
 from stadera.lab.plant.plant import Plant
 from stadera.lab.plant.state import TrueState
@@ -21,7 +22,8 @@ from stadera.logs import Imu, Recording
 from stadera.robot.imu import ImuMount
 from stadera.robot.kinematics import foot_positions
 from stadera.robot.model import Robot
-from stadera.types import Array
+from stadera.trunk.measurement import Measurement, rotation_matrix
+from stadera.types import Array, Bools
 
 _XYZW = np.array([1, 2, 3, 0])
 
@@ -241,3 +243,19 @@ def truth_of(states: Sequence[TrueState], robot: Robot, source: str = "simulatio
 
 def _stacked(instants: Sequence[SensorReading] | Sequence[TrueState], name: str) -> Array:
     return np.array([getattr(instant, name) for instant in instants], dtype=float)
+
+
+def measurement_of(sample: SensorReading, mount: ImuMount, stance: Bools | None = None) -> Measurement:
+    """Converts one sample of the test-bed's sensors, which are in the IMU's axes.
+
+    Raises:
+        RecordingError: a value that is not finite.
+    """
+    q, qd, effort, orientation = sample.joint_position, sample.joint_velocity, sample.effort, sample.orientation
+    gyro, accelerometer = sample.angular_velocity, sample.specific_force
+    # a value that is not finite makes the sum of products not finite
+    if not isfinite(q.dot(qd) + effort.dot(effort) + gyro.dot(accelerometer) + orientation.dot(orientation)):
+        raise RecordingError(f"a sensor value is not finite at {sample.time:.6f} s")
+    omega, force = mount.in_trunk_axes(gyro), mount.in_trunk_axes(accelerometer)
+    rotation, lever = mount.trunk_rotation(rotation_matrix(orientation)), mount.translation
+    return Measurement(sample.time, q, qd, effort, omega, force, rotation, sample.foot_position, stance, lever=lever)

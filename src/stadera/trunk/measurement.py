@@ -9,8 +9,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
-from math import isfinite
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -20,9 +18,6 @@ from stadera.logs.recording import Recording
 from stadera.robot.imu import ImuMount, force_at_origin
 from stadera.robot.model import Robot
 from stadera.types import Array, Bools
-
-if TYPE_CHECKING:
-    from stadera.lab.sensors import SensorReading
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,22 +69,6 @@ class Measurement:
         if self.rotation is not None:
             return np.asarray(self.rotation[2])
         return np.asarray(self.force_at_origin / np.linalg.norm(self.force_at_origin))
-
-    @classmethod
-    def from_sample(cls, sample: SensorReading, mount: ImuMount, stance: Bools | None = None) -> Measurement:
-        """Converts one sample of the test-bed's sensors, which are in the IMU's axes.
-
-        Raises:
-            RecordingError: a value that is not finite.
-        """
-        q, qd, effort, orientation = sample.joint_position, sample.joint_velocity, sample.effort, sample.orientation
-        gyro, accelerometer = sample.angular_velocity, sample.specific_force
-        # a value that is not finite makes the sum of products not finite
-        if not isfinite(q.dot(qd) + effort.dot(effort) + gyro.dot(accelerometer) + orientation.dot(orientation)):
-            raise RecordingError(f"a sensor value is not finite at {sample.time:.6f} s")
-        omega, force = mount.in_trunk_axes(gyro), mount.in_trunk_axes(accelerometer)
-        rotation, lever = mount.trunk_rotation(rotation_matrix(orientation)), mount.translation
-        return cls(sample.time, q, qd, effort, omega, force, rotation, sample.foot_position, stance, lever=lever)
 
 
 def measurements_of(

@@ -13,17 +13,19 @@ from dataclasses import dataclass
 from importlib.metadata import entry_points
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from stadera.errors import IdentificationError, UnknownNameError
 from stadera.robot.imu import ImuMount
 from stadera.robot.model import Robot
 from stadera.trunk.estimator import TrunkEstimator
 from stadera.trunk.model import TrunkModel
-from stadera.trunk.posture import PostureLaw
 from stadera.trunk.protocol import OwnEstimator, Weigher
 from stadera.trunk.settings import TrunkSettings
 from stadera.trunk.standing.forces import ContactForceEstimator
+
+if TYPE_CHECKING:
+    from stadera.lab.laws.posture import PostureLaw
 
 GROUP = "stadera.estimators"
 """Group of the entry points of installed packages that are methods, too."""

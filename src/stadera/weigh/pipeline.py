@@ -22,7 +22,6 @@ from stadera.trunk.estimator import TrunkEstimator
 from stadera.trunk.load import SIGNIFICANT, LoadChange, Payload, since_tare
 from stadera.trunk.measurement import Measurement, measurements_of
 from stadera.trunk.memory import Memory
-from stadera.trunk.posture import PostureLaw
 from stadera.trunk.protocol import Status, Weigher
 from stadera.trunk.registry import Setup, method_of
 from stadera.trunk.samples import Samples
@@ -310,6 +309,8 @@ class _LogPass:
                 raise IdentificationError(
                     f"{self.log.source.source}: the method 'orientation' needs columns imu.orientation.x, ..."
                 )
+            from stadera.lab.laws.posture import PostureLaw
+
             posture = PostureLaw(np.array(stiffness), first.rotation, feeds_back=False)
         return self._method.make(Setup(self._request.robot, forces=forces, posture=posture))
 

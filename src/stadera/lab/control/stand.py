@@ -11,7 +11,7 @@ from stadera.lab.control.arms import ArmTorques
 from stadera.lab.control.trunk import TrunkController
 from stadera.lab.control.whole_body import WholeBody
 from stadera.lab.plant.plant import Plant, SimulationError
-from stadera.lab.sensors import Sensors
+from stadera.lab.sensors import Sensors, measurement_of
 from stadera.robot.imu import ImuMount
 from stadera.robot.model import Robot
 from stadera.trunk.measurement import Measurement
@@ -94,7 +94,7 @@ class TestBed:
         asked = self._periods % self._hold == 0
         self._periods += 1
         if asked or estimator is not None:
-            measurement = Measurement.from_sample(sample, self._mount, self.controller.stance)
+            measurement = measurement_of(sample, self._mount, self.controller.stance)
             self.measurement = measurement
             if estimator is not None:
                 self._feed(estimator, measurement)

@@ -13,11 +13,11 @@ from stadera.lab.control.stand import Controller
 from stadera.lab.control.steps import CrawlCommand
 from stadera.lab.plant import Plant, Sensors, estimator_model, plant_model, sensor_errors
 from stadera.lab.plant.payload import Tray
+from stadera.lab.supervise.trusted import TrustedEstimator
 from stadera.robot import Robot
 from stadera.robot.stance import standing_configuration
 from stadera.trunk import Measurement, TrunkEstimator, TrunkModel
 from stadera.trunk.protocol import TrunkEstimate
-from stadera.trunk.trusted import TrustedEstimator
 
 Gait = Literal["crawl", "trot", "shake"]
 """Motion of a robot; a shake is on the spot."""

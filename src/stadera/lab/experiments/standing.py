@@ -21,6 +21,7 @@ from stadera.lab.laws.contact_com import ContactCom
 from stadera.lab.laws.mass import MassEstimator
 from stadera.lab.laws.orientation import OrientationCom
 from stadera.lab.laws.poses import PosesCom
+from stadera.lab.laws.posture import PostureLaw
 from stadera.lab.laws.recursive import RecursiveCom
 from stadera.lab.laws.static_poses import PoseOffset, static_poses
 from stadera.lab.plant import IDEAL, Gaussian, Plant, SensorErrors, Sensors, Terrain, VirtualForce
@@ -28,7 +29,6 @@ from stadera.lab.sensors import plant_model
 from stadera.robot import Robot, load_robot
 from stadera.robot.stance import standing_configuration
 from stadera.trunk import ContactForceEstimator, Estimator, Measurement, Status, TrunkModel
-from stadera.trunk.posture import PostureLaw
 from stadera.trunk.registry import Setup, make_estimator
 from stadera.types import Array
 

@@ -38,11 +38,11 @@ from scipy.spatial.transform import Rotation
 from stadera.constants import GRAVITY
 from stadera.errors import IdentificationError, ModelError
 from stadera.inertia import skew
+from stadera.lab.laws.posture import PostureLaw, rotation_of
 from stadera.lab.laws.recursive import LEAST_TILT, Instant, LawSettings, Phase, RecursiveCom, step_size
 from stadera.robot.model import Robot
 from stadera.trunk.measurement import Measurement
 from stadera.trunk.model import TrunkModel
-from stadera.trunk.posture import PostureLaw, rotation_of
 from stadera.trunk.standing.forces import ContactForceEstimator, ContactForces
 from stadera.types import Array
 

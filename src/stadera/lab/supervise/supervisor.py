@@ -22,6 +22,7 @@ import numpy as np
 from stadera.constants import ROUNDING
 from stadera.errors import StaderaError, require_positive
 from stadera.lab.supervise.strength import hardest_effort
+from stadera.lab.supervise.trusted import TrustedEstimator, TrustLimits
 from stadera.lab.supervise.weighing import CorrectedForces, Stage, StandingWeighing, WeighingSettings
 from stadera.robot.model import Robot
 from stadera.trunk.estimator import TrunkEstimator
@@ -31,7 +32,6 @@ from stadera.trunk.model import TrunkModel
 from stadera.trunk.protocol import Status, TrunkEstimate
 from stadera.trunk.settings import TrunkSettings
 from stadera.trunk.standing.forces import ContactForceEstimator
-from stadera.trunk.trusted import TrustedEstimator, TrustLimits
 
 
 @runtime_checkable
