@@ -318,11 +318,17 @@ def huber_means(
         singles, weights: (n, 4). windows: (k,), numbers of blocks. near, heaviest: (4,), limits of the distance from
             the median and of the weight. means, total: (k, 4), written.
     """
-    n = len(singles)
+    n, ordered = len(singles), np.empty(len(singles))
     for k in range(len(windows)):
         begin = n - windows[k]
         for c in range(singles.shape[1]):
-            centre = np.sort(singles[begin:, c])[windows[k] // 2]
+            for i in range(begin, n):
+                value, at = singles[i, c], i - begin
+                while at > 0 and ordered[at - 1] > value:
+                    ordered[at] = ordered[at - 1]
+                    at -= 1
+                ordered[at] = value
+            centre = ordered[windows[k] // 2]
             value = weight = 0.0
             for i in range(begin, n):
                 own = min(weights[i, c], heaviest[c])

@@ -23,8 +23,10 @@ from collections.abc import Mapping
 from types import MappingProxyType
 
 import numpy as np
+from scipy.linalg import lapack
 
 from stadera.trunk.error_model import ErrorLayout
+from stadera.trunk.swing import inverse_of
 from stadera.types import Array
 
 KINDS: Mapping[str, tuple[str, ...]] = MappingProxyType(
@@ -79,7 +81,9 @@ class Sizes:
     def update(self, normal: Array, right: Array) -> None:
         """Takes in rows: A (learnt, learnt) and c (learnt,), see the module's text."""
         S = self.factors[: len(right)]
-        F = np.linalg.inv(S[:, None] * normal * S + np.eye(len(right)))
+        system = S[:, None] * normal * S
+        system.flat[:: len(system) + 1] += 1.0
+        F = inverse_of(lapack.dpotrf(system)[0])
         found = F @ (S * right)
         for kind, at in self._at.items():
             size = self.by_kind[kind]
