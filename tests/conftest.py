@@ -14,6 +14,25 @@ from stadera.cli import main
 ROOT = Path(__file__).resolve().parent.parent
 
 
+LONG = (
+    "lab/demo/test_demo.py",
+    "test_paths.py",
+    "trunk/test_any_robot.py",
+    "test_docs.py",
+    "fleet/test_fleet_table.py",
+    "trunk/test_robot_memory.py",
+    "lab/supervise/test_supervisor.py",
+    "lab/experiments/test_standing.py",
+)
+"""Files that take longest, from `pytest --durations`: they begin first, so that no process waits for one at the end."""
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    tests = ROOT / "tests"
+    rank = {str(tests / name): k for k, name in enumerate(LONG)}
+    items.sort(key=lambda item: rank.get(str(item.path), len(LONG)))
+
+
 @pytest.fixture(scope="session")
 def shared_data() -> Path:
     """The folder of real logs: STADERA_DATA, else ../shared/data beside the project; skips where neither exists."""

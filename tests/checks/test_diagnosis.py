@@ -98,7 +98,7 @@ def test_nothing_is_found_in_another_robots_clean_log() -> None:
 @pytest.mark.parametrize(("name", "scenario", "seconds"), [("hyq", "stand", 0.6), ("hyq", "trot", 2.0)])
 def test_nothing_is_found_in_a_simulated_log(name: str, scenario: str, seconds: float) -> None:
     robot = load_robot(name)
-    run = simulate(robot, scenario, SimulateSettings(errors="harsh", duration=seconds, seed=2))
+    run = simulate(robot, scenario, SimulateSettings(errors="harsh", duration=seconds, seed=2, hold=2))
     log = take(run.recording, run.recording.time > 0.2)
     assert diagnose(log, robot) == ()
     assert log.effort is not None
@@ -120,7 +120,10 @@ def test_forces_are_those_of_the_weight(hyq: Robot, clean: Recording) -> None:
 
 def test_a_correction_by_which_the_robot_would_stand_is_not_better_for_that(hyq: Robot) -> None:
     """With its gyro divided away a robot that sways a little does not move, and its feet slide all the more."""
-    log, limits = simulate(hyq, "shake", SimulateSettings(duration=3.0, seed=1, amplitude=0.2)).recording, CheckLimits()
+    log, limits = (
+        simulate(hyq, "shake", SimulateSettings(duration=3.0, seed=1, amplitude=0.2, hold=2)).recording,
+        CheckLimits(),
+    )
     assert log.imu is not None
     footing = Footing(hyq, Instants.of(log, hyq.tree.joints, ImuMount.of(hyq, log.imu.frame), limits), limits)
     still = footing.after(Mend("", factors={GYRO: 1e-9}))
@@ -142,7 +145,7 @@ def wild_blocks(robot: Robot, group: list[int]) -> Instants:
 def test_a_hypothesis_must_itself_fit(fits: bool) -> None:
     """Reversed gyro: undone, the motion fits, to a share of the cost that the limit says."""
     robot = load_robot("go2")
-    log = simulate(robot, "shake", SimulateSettings("standard", duration=6.0, rate=250.0, seed=1)).recording
+    log = simulate(robot, "shake", SimulateSettings("standard", duration=6.0, rate=250.0, seed=1, hold=2)).recording
     assert log.imu is not None
     log = replace(log, imu=replace(log.imu, angular_velocity=-log.imu.angular_velocity, orientation=None))
     found = diagnose(log, robot, limits=CheckLimits(better=0.75 if fits else 1e-6))

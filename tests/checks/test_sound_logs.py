@@ -20,14 +20,14 @@ from stadera.trunk.samples import Samples
 @pytest.mark.parametrize("seed", range(4))
 def test_the_gyro_of_a_robot_at_rest_is_not_turned(seed: int) -> None:
     robot = load_robot("a1")
-    log = simulate(robot, "stand", SimulateSettings("real", duration=4.0, seed=seed)).recording
+    log = simulate(robot, "stand", SimulateSettings("real", duration=4.0, seed=seed, hold=2)).recording
     assert diagnose(log, robot) == ()
 
 
 @pytest.mark.parametrize(("seconds", "accused"), [(1.0, False), (3.0, True)])
 def test_a_torque_is_only_noise_when_it_lasts(seconds: float, accused: bool) -> None:
     robot = load_robot("hyq")
-    log = simulate(robot, "shake", SimulateSettings("standard", duration=4.0, seed=3)).recording
+    log = simulate(robot, "shake", SimulateSettings("standard", duration=4.0, seed=3, hold=2)).recording
     assert log.effort is not None
     effort, part = log.effort.copy(), log.time < seconds - 1e-9
     effort[part, 1] = np.random.default_rng(0).normal(0.0, 0.5, np.count_nonzero(part))
@@ -37,7 +37,7 @@ def test_a_torque_is_only_noise_when_it_lasts(seconds: float, accused: bool) -> 
 
 def test_blocks_at_a_mechanical_stop_are_left_out() -> None:
     robot = load_robot("go2")
-    log = simulate(robot, "shake", SimulateSettings("standard", duration=3.0, seed=2)).recording
+    log = simulate(robot, "shake", SimulateSettings("standard", duration=3.0, seed=2, hold=2)).recording
     joint = robot.tree.joints[2]
 
     def weighed(lower: float) -> tuple[TrunkEstimator, Recording]:

@@ -26,12 +26,12 @@ def hyq() -> Robot:
 
 @pytest.fixture(scope="module")
 def shake(hyq: Robot) -> Recording:
-    return simulate(hyq, "shake", SimulateSettings("standard", duration=2.5, seed=3)).recording
+    return simulate(hyq, "shake", SimulateSettings("standard", duration=2.5, seed=3, hold=2)).recording
 
 
 @pytest.fixture(scope="module")
 def trot(hyq: Robot) -> Recording:
-    return simulate(hyq, "trot", SimulateSettings("standard", duration=4.0, seed=1)).recording
+    return simulate(hyq, "trot", SimulateSettings("standard", duration=4.0, seed=1, hold=2)).recording
 
 
 def spoilt(log: Recording, robot: Robot, name: str, seed: int = 0) -> Recording:
@@ -39,7 +39,7 @@ def spoilt(log: Recording, robot: Robot, name: str, seed: int = 0) -> Recording:
 
 
 def test_nothing_is_found_in_a_clean_log(hyq: Robot, trot: Recording, shake: Recording) -> None:
-    real = simulate(hyq, "trot", SimulateSettings("real", duration=2.5, seed=3)).recording
+    real = simulate(hyq, "trot", SimulateSettings("real", duration=2.5, seed=3, hold=2)).recording
     for log in (trot, shake, real):
         assert window_faults(log, hyq) == ()
 

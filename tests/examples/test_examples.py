@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import json
 import re
-import subprocess
+import runpy
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from logs_to_play import LOAD, swing_log, walk_log
+from stadera.identify.legs import identify
+from stadera.identify.settings import IdentifySettings
 from stadera.lab.plant import STANDARD
 from stadera.logs import write_table
 from stadera.robot import load_robot
@@ -39,42 +42,51 @@ def walk(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return walk_log(tmp_path_factory.mktemp("log") / "walk.csv")
 
 
-def run(folder: Path, name: str, *arguments: object) -> str:
-    command = [sys.executable, str(EXAMPLES / f"{name}.py"), *map(str, arguments)]
-    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    return done.stdout
+Example = Callable[..., str]
+
+
+@pytest.fixture
+def example(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Example:
+    """Runs a script as `python NAME.py ARGUMENTS` would in the test's folder; what it prints."""
+
+    def _example(name: str, *arguments: object) -> str:
+        script = EXAMPLES / f"{name}.py"
+        monkeypatch.chdir(tmp_path)
+        monkeypatch.setattr(sys, "argv", [str(script), *map(str, arguments)])
+        runpy.run_path(str(script), run_name="__main__")
+        return capsys.readouterr().out
+
+    return _example
 
 
 def test_all_are_tested() -> None:
     assert {path.stem for path in EXAMPLES.glob("*.py")} == TESTED
 
 
-def test_identify_own_excitation(tmp_path: Path) -> None:
-    out = run(tmp_path, "identify_own_excitation", "hyq", "RH", 20)
+def test_identify_own_excitation(example: Example, tmp_path: Path) -> None:
+    out = example("identify_own_excitation", "hyq", "RH", 20)
     assert "rh_kfe_joint.viscous      0.1000" in out
     assert (tmp_path / "motion.csv").is_file()
 
 
-def test_export_to_controller(swing: Path, tmp_path: Path) -> None:
+def test_export_to_controller(example: Example, swing: Path, tmp_path: Path) -> None:
     legs = tmp_path / "legs.json"
-    identify = [sys.executable, "-m", "stadera", "identify", swing, "--robot", "hyq", "--legs", "RH", "--json", legs]
-    subprocess.run(list(map(str, identify)), check=True, capture_output=True)
-    run(tmp_path, "export_to_controller", "hyq", legs)
+    identify("hyq", swing, IdentifySettings(legs=("RH",))).save_json(legs)
+    example("export_to_controller", "hyq", legs)
     config = json.loads((tmp_path / "controller.json").read_text())
     found = json.loads(legs.read_text())["joints"]["rh_kfe_joint"]["viscous"]["value"]
     assert config["joints"]["rh_kfe_joint"]["viscous"] == pytest.approx(found, rel=1e-12)
     assert load_robot(tmp_path / "identified.urdf").mass == pytest.approx(load_robot("hyq").mass, rel=0.01)
 
 
-def test_own_regressor(tmp_path: Path) -> None:
-    out = run(tmp_path, "own_regressor")
+def test_own_regressor(example: Example) -> None:
+    out = example("own_regressor")
     value, std = (float(word) for word in out.splitlines()[-1].split()[1::2])
     assert abs(value - 12.0) < 4 * std < 0.05
 
 
-def test_weigh_log(walk: Path, tmp_path: Path) -> None:
-    out = run(tmp_path, "weigh_log", walk, "hyq", 0, 2.5)
+def test_weigh_log(example: Example, walk: Path, tmp_path: Path) -> None:
+    out = example("weigh_log", walk, "hyq", 0, 2.5)
     found = re.search(r"payload ([\d.]+) ± ([\d.]+) kg", out)
     assert found is not None
     assert abs(float(found[1]) - LOAD.mass) < 4.0 * float(found[2]) < 2.0  # 3 % of unknown torque gain are 0.24 kg
@@ -82,18 +94,18 @@ def test_weigh_log(walk: Path, tmp_path: Path) -> None:
     assert load_robot(tmp_path / "weighed.urdf").mass > load_robot("hyq").mass + 7.0
 
 
-def test_online(walk: Path, tmp_path: Path) -> None:
-    out = run(tmp_path, "online", walk, "hyq", 2.5)
+def test_online(example: Example, walk: Path) -> None:
+    out = example("online", walk, "hyq", 2.5)
     found = re.search(r"payload ([\d.]+) ± ([\d.]+) kg", out)
     assert found is not None
     assert abs(float(found[1]) - LOAD.mass) < 4.0 * float(found[2]) < 2.0
     assert len(re.findall("the load changed", out)) == 1
 
 
-def test_own_estimator(tmp_path: Path) -> None:
+def test_own_estimator(example: Example, tmp_path: Path) -> None:
     robot = load_robot("hyq")
     still = walked(robot, Walk(seconds=2.0, rate_hz=250.0, period=0.0, speed=0.0, tilt=0.0, sway=0.0))
     log = write_table(recorded(robot, still, STANDARD, 0), tmp_path / "stand.csv")
-    found = re.search(r"trunk ([\d.]+) ", run(tmp_path, "own_estimator", log, "hyq"))
+    found = re.search(r"trunk ([\d.]+) ", example("own_estimator", log, "hyq"))
     assert found is not None
     assert float(found[1]) == pytest.approx(robot.inertias[robot.trunk].mass, rel=0.03)

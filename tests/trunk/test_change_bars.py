@@ -60,7 +60,7 @@ def test_the_earlier_estimate_has_a_spread_of_its_own() -> None:
 def loaded_walk() -> tuple[TrunkEstimator, Samples]:
     robot = load_robot("hyq")
     load = Load(8.0, "kg", (0.0, 0.0, 0.15))
-    settings = SimulateSettings("standard", load, duration=5.0, seed=4, load_time=3.0)
+    settings = SimulateSettings("standard", load, duration=5.0, seed=4, load_time=3.0, hold=2)
     return TrunkEstimator(robot), Samples.of_recording(simulate(robot, "trot-load", settings).recording, robot)
 
 

@@ -27,7 +27,7 @@ RATE, BLOCK = 500.0, 10
 STAND = Walk(seconds=1.0, rate_hz=RATE, speed=0.0, period=0.0, tilt=0.0, sway=0.0)
 WALK = Walk(seconds=1.6, rate_hz=RATE)
 ROBOT = load_robot("hyq")
-DRAWS = 300
+DRAWS = 150
 
 
 @cache

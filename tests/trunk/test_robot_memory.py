@@ -37,6 +37,7 @@ def drawn(seed: int) -> Drawn:
     return Drawn(GO2, np.random.default_rng((5, seed)))
 
 
+@cache
 def measured(robot: int, log: int, load: InertialParameters | None, later: float = 0.0) -> Samples:
     made = drawn(robot)
     samples = made.measured(Planted.of(made.true, sway(log), 200.0), load)
@@ -53,6 +54,7 @@ def weighed(robot: int, log: int, memory: Memory | None = None) -> TrunkEstimato
     return estimator
 
 
+@cache
 def remembered(robot: int, logs: int) -> Memory:
     memory = Memory.none(GO2)
     for log in range(logs):
@@ -79,9 +81,8 @@ def test_a_robot_that_was_on_a_scale_remembers_the_scale_of_its_torques() -> Non
         first = weighed(robot, 0)
         truth = drawn(robot).true
         first.know_weight(truth.mass, 0.02)
-        memory = weighed(robot, 1, first.remember(Memory.none(GO2), settings=STILL)).remember(
-            first.remember(Memory.none(GO2), settings=STILL), settings=STILL
-        )
+        of_first = first.remember(Memory.none(GO2), settings=STILL)
+        memory = weighed(robot, 1, of_first).remember(of_first, settings=STILL)
         assert memory.logs == 2
         alone, after = weighed(robot, 7), weighed(robot, 7, memory)
         assert alone.payload is not None
@@ -119,6 +120,7 @@ def test_it_fades_with_logs_and_days() -> None:
 
 def test_a_changed_motor_is_named_and_not_merged() -> None:
     memory = remembered(1, 2)
+    measured.cache_clear()
     made = drawn(1)
     joint = GO2.tree.joints[4]
     was = made.true.dynamics[joint]
@@ -133,6 +135,7 @@ def test_a_changed_motor_is_named_and_not_merged() -> None:
         assert any("the memory and the log are" in reason for reason in told.trust.reasons)
     finally:
         drawn.cache_clear()
+        measured.cache_clear()
 
 
 def test_a_memory_is_plain_values_of_one_model() -> None:

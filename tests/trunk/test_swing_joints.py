@@ -163,7 +163,7 @@ def test_rotors_that_the_model_lacks_are_found_by_legs_in_the_air(name: str, sce
     limit = {joint: model.limits[joint].effort for joint in model.tree.joints}
     turned = {joint: replace(model.dynamics[joint], armature=3e-4 * limit[joint]) for joint in model.tree.joints}
     real = replace(model, dynamics=turned)
-    run = simulate(real, scenario, SimulateSettings("standard", duration=5.0, seed=1, rate=500.0))
+    run = simulate(real, scenario, SimulateSettings("standard", duration=5.0, seed=1, rate=500.0, hold=2))
     estimator = TrunkEstimator(model)
     estimator.add(Samples.of_recording(run.recording, model))
     place = PLACES["rotor"]
@@ -247,7 +247,7 @@ def test_noise_of_accelerations_is_no_force() -> None:
 
 def test_a_torque_that_jumps_is_named_by_the_leg_in_the_air() -> None:
     model = robot()
-    run = simulate(model, "trot", SimulateSettings("standard", duration=6.0, seed=2, rate=500.0))
+    run = simulate(model, "trot", SimulateSettings("standard", duration=6.0, seed=2, rate=500.0, hold=2))
     samples = Samples.of_recording(run.recording, model)
     for jump in (0.0, 10.0):
         effort = samples.effort.copy()

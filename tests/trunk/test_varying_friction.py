@@ -57,7 +57,7 @@ def test_the_variance_is_that_of_errors_drawn_along_any_direction_of_the_sway() 
 def test_a_robot_at_rest_on_joints_that_stick_shows_no_height() -> None:
     robot = load_robot("hyq")
     for seed in (501, 502):
-        log = simulate(robot, "stand", SimulateSettings("real-unit-gain", duration=5.0, seed=seed)).recording
+        log = simulate(robot, "stand", SimulateSettings("real-unit-gain", duration=4.0, seed=seed, hold=2)).recording
         estimator = TrunkEstimator(robot)
         estimator.add(Samples.of_recording(log, robot))
         assert estimator.trunk.observed[:3].all()

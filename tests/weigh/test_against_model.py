@@ -90,7 +90,7 @@ def test_feet_that_step_say_nothing_of_one_leg(robot: Robot) -> None:
 
 def test_a_dead_leg_is_refused_and_a_load_above_a_foot_said_to_look_alike(robot: Robot) -> None:
     x, y, _ = (float(v) for v in feet(robot)[2])
-    settings = SimulateSettings("standard", Load(2.5, at=(x, y, 0.1)), duration=2.5, seed=1, load_time=1.2)
+    settings = SimulateSettings("standard", Load(2.5, at=(x, y, 0.1)), duration=2.5, seed=1, load_time=1.2, hold=2)
     log = simulate(robot, "stand", settings).recording
     result = weigh(robot, log, (0.0, 1.1))
     assert result.trust.verdict == "doubtful"

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from stadera.errors import StaderaError
+from stadera.fleet.pool import Pool
 from stadera.lab.experiments import EXPERIMENTS, ExperimentResult, ReproduceSettings, runner, standing, table2, table4
 from stadera.lab.experiments.fig6 import Settling
 from stadera.lab.experiments.result import Record
@@ -119,7 +120,7 @@ def test_drives_that_follow_a_wrong_torque_are_a_plant_with_offsets() -> None:
 def test_a_run_in_a_process_of_its_own_says_what_went_wrong() -> None:
     cases = [StandingCase("hyq", "no such method", seed=seed) for seed in range(3)]
     with pytest.raises(StaderaError, match="unknown method 'no such method'"):
-        run_grid("x", stand, cases, lambda *_: None)
+        run_grid("x", stand, cases, lambda *_: None, pool=Pool(1))
 
 
 def test_other_robots_carry_the_load_at_the_same_place() -> None:
