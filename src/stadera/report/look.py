@@ -18,7 +18,7 @@ COLOURS: dict[str, tuple[str, str]] = {
     "shell": ("#4a5666", "#8fa0b5"),
     "limb": ("#b4bdc9", "#aab6c6"),
     "drive": ("#39434f", "#56616f"),
-    "foot": ("#15191e", "#15191e"),
+    "foot": ("#15191e", "#4a5462"),
     "box": ("#e0902f", "#e0902f"),
     "green-tint": ("#e9f6ee", "#173324"),
     "gray-tint": ("#f0f2f4", "#262d36"),

@@ -99,10 +99,10 @@ def _centres(result: Weighing, stance: Stance, truth: Truth | None) -> Iterator[
         yield from _payload(result, stance, payload)
     if truth is not None:
         moment = truth.at(result.time)
-        yield _Centre("truth", np.asarray(moment.com), "cross", "green")
+        yield _Centre("truth, trunk", np.asarray(moment.com), "cross", "green")
         if moment.payload_com is not None:
             turned, start = _frame(result.robot, stance, moment.link or result.robot.trunk)
-            yield _Centre("truth", start + turned @ np.asarray(moment.payload_com), "cross", "green")
+            yield _Centre("truth, payload", start + turned @ np.asarray(moment.payload_com), "cross", "green")
 
 
 def _payload(result: Weighing, stance: Stance, payload: Payload) -> Iterator[_Centre]:
