@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -15,6 +16,7 @@ from stadera.cli.terminal import progress, show
 
 if TYPE_CHECKING:
     from stadera.identify.result import Identification
+    from stadera.identify.settings import IdentifySettings
 
 
 class Solver(StrEnum):
@@ -24,26 +26,41 @@ class Solver(StrEnum):
     NULL_SPACE = "null-space"
 
 
+@dataclass(frozen=True)
+class FitOptions:
+    """Options for what is fitted, and to which signals."""
+
+    legs: Annotated[str | None, option("RH,...", "Legs to identify [default: all]. LF, RF, LH, RH in any case.")] = None
+    method: Annotated[Solver, flag("Physically consistent, or CAD in the null space.")] = Solver.CONSISTENT
+    friction: Annotated[
+        str, option("TERMS", "Joint terms to fit: some of armature,viscous,coulomb,offset; or 'none'.")
+    ] = "armature,viscous,coulomb,offset"
+    cutoff: Annotated[str, option("HZ|auto|none", "Low-pass cut-off; 'auto' chooses it from the motion.")] = "auto"
+    torque_lag: Annotated[
+        str, option("SECONDS|auto", "Delay of the torques relative to their stamps; 'auto' estimates it.")
+    ] = "auto"
+    up: Annotated[str, option("X,Y,Z|auto", "The vertical in trunk axes; 'auto': from the IMU, else level.")] = "auto"
+
+    def settings(self, split: float) -> IdentifySettings:
+        """Settings for these options, fitting a share of each log. Raises BadParameter."""
+        legs, terms, cutoff_hz = parse.names(self.legs), parse.terms(self.friction), parse.cutoff(self.cutoff)
+        lag, up = parse.torque_lag(self.torque_lag), parse.direction(self.up)
+
+        from stadera.body.friction import FrictionModel
+        from stadera.identify.settings import IdentifySettings
+
+        method, friction = self.method.value, FrictionModel(terms)
+        return IdentifySettings(legs, method, friction, cutoff_hz, torque_lag=lag, up=up, split=split)
+
+
 @grouped
 def identify(
     logs: Annotated[list[Path], argument("LOG...", "Logs to fit; several are merged.")],
     robot: RobotOfLog = None,
-    legs: Annotated[
-        str | None, option("RH,...", "Legs to identify [default: all]. LF, RF, LH, RH in any case.")
-    ] = None,
     validate: Annotated[
         list[Path] | None, option("LOG", "Validate on this log instead of a part of LOG; repeatable.")
     ] = None,
     split: Annotated[str | None, option("SHARE", "Share of each LOG to fit [default: 0.5]; 'none': fit all.")] = None,
-    method: Annotated[Solver, flag("Physically consistent, or CAD in the null space.")] = Solver.CONSISTENT,
-    friction: Annotated[
-        str, option("TERMS", "Joint terms to fit: some of armature,viscous,coulomb,offset; or 'none'.")
-    ] = "armature,viscous,coulomb,offset",
-    cutoff: Annotated[str, option("HZ|auto|none", "Low-pass cut-off; 'auto' chooses it from the motion.")] = "auto",
-    torque_lag: Annotated[
-        str, option("SECONDS|auto", "Delay of the torques relative to their stamps; 'auto' estimates it.")
-    ] = "auto",
-    up: Annotated[str, option("X,Y,Z|auto", "The vertical in trunk axes; 'auto': from the IMU, else level.")] = "auto",
     export: Annotated[
         Path | None,
         option(
@@ -53,6 +70,7 @@ def identify(
     ] = None,
     force: Force = False,
     *,
+    fit: FitOptions,
     options: LogOptions,
     shape: ModelOptions,
     files: ResultFiles,
@@ -65,19 +83,12 @@ def identify(
     """
     if validate and split is not None:
         raise typer.BadParameter("give --validate or --split, not both", param_hint="--split")
-    chosen_legs, chosen_terms = parse.names(legs), parse.terms(friction)
-    cutoff_hz, lag, vertical = parse.cutoff(cutoff), parse.torque_lag(torque_lag), parse.direction(up)
-    share = 1.0 if validate else parse.split(split or "0.5")
+    settings = fit.settings(1.0 if validate else parse.split(split or "0.5"))
 
-    from stadera.body.friction import FrictionModel
     from stadera.identify.legs import identify as identify_legs
-    from stadera.identify.settings import IdentifySettings
     from stadera.report.identify.tables import identification_tables
     from stadera.robot.export import check_export
 
-    settings = IdentifySettings(
-        chosen_legs, method.value, FrictionModel(chosen_terms), cutoff_hz, torque_lag=lag, up=vertical, split=share
-    )
     model = shape.load(options.robot(robot, logs[0]), options.reading.limits)
     files.check(export)
     drives = export is not None and export.suffix.lower() in (".yaml", ".yml")
