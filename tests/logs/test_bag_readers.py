@@ -18,7 +18,7 @@ from bags import Sent, imu, joints, text, write_folder, write_mcap, write_ros1
 from stadera.errors import RecordingError
 from stadera.logs import LogFile, Topics, read, stream
 from stadera.logs.bags.alignment import Alignment, Track
-from stadera.logs.bags.container import BagSettings, Samples
+from stadera.logs.bags.container import BagSettings, Decoded
 
 NAMES = ("LF_HAA", "LF_HFE", "LF_KFE")
 RATE = 1000.0
@@ -50,7 +50,7 @@ def bag(folder: Path, *streams: Iterator[Sent] | list[Sent], **options: object) 
 
 def add(track: Track, stamp: int, values: np.ndarray, received: int | None = None) -> None:
     times = np.array([stamp]), np.array([stamp if received is None else received])
-    track.take(Samples(track.name, times[1], times[0], "", track.columns, values[None]))
+    track.take(Decoded(track.name, times[1], times[0], "", track.columns, values[None]))
 
 
 # -- topics -------------------------------------------------------------------------------------------------------

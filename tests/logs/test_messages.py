@@ -13,14 +13,14 @@ from hypothesis import strategies as st
 
 import bags
 from bags import IMU, JOINT_STATE, TYPES, Sent
-from stadera.logs.bags.container import BagSettings, Message, Samples, Topic
+from stadera.logs.bags.container import BagSettings, Decoded, Message, Topic
 from stadera.logs.bags.decode import decoder
 from stadera.logs.bags.unitree import LOW_STATES, LowStates
 
 RNG = np.random.default_rng(0)
 
 
-def of_one(samples: list[Samples]) -> tuple[tuple[object, ...], np.ndarray]:
+def of_one(samples: list[Decoded]) -> tuple[tuple[object, ...], np.ndarray]:
     """What is not an array or has one element, and the values of the only message."""
     (found,) = samples
     return (found.topic, *found.received, *found.stamp, found.frame, found.columns), found.values[0]

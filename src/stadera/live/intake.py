@@ -15,7 +15,7 @@ from stadera.errors import RecordingError
 from stadera.live.settings import LiveSettings
 from stadera.live.topics import JOINT_KINDS, KINDS, Arrival, PublisherFilter, SeenTopic, StreamClock, chosen
 from stadera.logs.bags.choice import Choice
-from stadera.logs.bags.container import Message, Samples, Topic
+from stadera.logs.bags.container import Decoded, Message, Topic
 from stadera.logs.bags.decode import IMU, Decoder, decoder
 from stadera.logs.bags.log import stamped
 from stadera.logs.bags.merging import Merging, beginning_of
@@ -59,7 +59,7 @@ class Intake:
         self.notes: dict[str, None] = {}
         self._decoders: dict[str, Decoder] = {}
         self._publishers = PublisherFilter(self._settings)
-        self._head: list[tuple[Arrival, Samples]] = []
+        self._head: list[tuple[Arrival, Decoded]] = []
         self._merging: Merging | None = None
         self._layout: Layout | None = None
         self._fault = ""
@@ -87,7 +87,7 @@ class Intake:
             self._continue(sample, arrival.arrived)
 
     def completed(self) -> Recording | None:
-        """Samples completed since the last call; None if there are fewer than two."""
+        """Decoded completed since the last call; None if there are fewer than two."""
         if self._merging is None or self._layout is None:
             return None
         try:
@@ -136,7 +136,7 @@ class Intake:
         asked = self._asked.imu if kind == IMU else self._asked.joint
         return asked in (None, topic)
 
-    def _decoded(self, arrival: Arrival) -> Samples | None:
+    def _decoded(self, arrival: Arrival) -> Decoded | None:
         name = arrival.topic
         if name not in self._decoders:
             self._decoders[name] = decoder(Topic(arrival.kind), "cdr", self._robot.tree.joints, self._settings.bags)
@@ -166,7 +166,7 @@ class Intake:
         for arrival, sample in head:
             self._merge(sample, arrival.arrived, merging)
 
-    def _merging_of(self, head: Sequence[Samples], topics: Choice) -> Merging:
+    def _merging_of(self, head: Sequence[Decoded], topics: Choice) -> Merging:
         """The merging of messages into rows, determined from the first messages of the chosen topics."""
         joints = self._robot.tree.joints
         start = beginning_of(head, topics.joint, topics.imu, (*joints, *self._reading.others))
@@ -177,7 +177,7 @@ class Intake:
         self._check_rate([int(sample.stamp[0]) for sample in head if sample.topic == topics.joint], topics.joint)
         return Merging(start, topics.joint, topics.imu, self._layout.recorded, self._settings.bags)
 
-    def _continue(self, sample: Samples, arrived: float) -> None:
+    def _continue(self, sample: Decoded, arrived: float) -> None:
         assert self._merging is not None
         assert self.topics is not None
         if sample.topic in (self.topics.joint, self.topics.imu):
@@ -187,7 +187,7 @@ class Intake:
                 self.notes["the clock of the stamps was set, or a publisher began anew"] = None
                 self._anew()
 
-    def _merge(self, sample: Samples, arrived: float, merging: Merging) -> None:
+    def _merge(self, sample: Decoded, arrived: float, merging: Merging) -> None:
         stamp = self.clock.at(sample.topic, int(sample.stamp[0]), arrived)
         if stamp is None:
             self.lost["left out"] += 1

@@ -11,7 +11,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from stadera.errors import RecordingError
-from stadera.logs.bags.container import BagSettings, Samples, Stamps
+from stadera.logs.bags.container import BagSettings, Decoded, Stamps
 from stadera.logs.columns import IMU_COLUMNS
 from stadera.logs.sampling import GAP_FACTOR
 from stadera.types import Array
@@ -102,7 +102,7 @@ class HeaderClock:
 
 
 class Track:
-    """One stream. Samples that are no longer needed are discarded.
+    """One stream. Decoded that are no longer needed are discarded.
 
     Attributes:
         name, columns: of its values, the name for messages.
@@ -136,7 +136,7 @@ class Track:
         gaps = f", {self.gaps} gap{'s' * (self.gaps > 1)}, the longest {1e-9 * self.longest:.3f} s" if self.gaps else ""
         return f"{rate:.5g} Hz{gaps}"
 
-    def take(self, samples: Samples) -> None:
+    def take(self, samples: Decoded) -> None:
         """Adds samples with their columns in any order; used from the next `settle` on."""
         if (order := self._order.get(samples.columns)) is None:
             order = self._order[samples.columns] = [samples.columns.index(name) for name in self.columns]

@@ -61,7 +61,7 @@ class Message(NamedTuple):
     data: bytes
 
 
-class Samples(NamedTuple):
+class Decoded(NamedTuple):
     """The values (n, columns) of n successive messages of one topic, NaN where a message marks them as unknown, and the
     columns' names in the flat table; when they were recorded and measured (n,) [ns]; the frame of the IMU, without a
     leading slash, may be empty.

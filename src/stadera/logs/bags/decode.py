@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from stadera.errors import RecordingError
 from stadera.limits import DEFAULTS
-from stadera.logs.bags.container import BagSettings, Message, Samples, Topic
+from stadera.logs.bags.container import BagSettings, Decoded, Message, Topic
 from stadera.logs.bags.states import CHANNELS, PUBLISHED, Find, finder
 from stadera.logs.columns import IMU_COLUMNS
 from stadera.types import Array
@@ -39,7 +39,7 @@ _STAMP = 4 + 8  # start of the frame's name: after encapsulation and stamp
 _IMU_ORDER = np.array([13, 14, 15, 25, 26, 27, 0, 1, 2, 3])
 _UNKNOWN = ((16, slice(0, 3)), (28, slice(3, 6)), (4, slice(6, 10)))  # covariances that begin with -1, and their values
 
-Decoder = Callable[[Sequence[Message]], list[Samples]]
+Decoder = Callable[[Sequence[Message]], list[Decoded]]
 """Decodes successive messages of one topic. On damaged ones it raises errors of many kinds, and may be asked again for
 fewer of them.
 """
@@ -57,7 +57,7 @@ def decoder(topic: Topic, encoding: str, joints: Sequence[str] | None, settings:
     deserialize = types.deserialize_ros1 if encoding == "ros1" else types.deserialize_cdr
     read = _imu if topic.kind == IMU else _states(finder(types.fielddefs, topic.kind), topic.kind)
 
-    def decode(message: Message) -> Samples:
+    def decode(message: Message) -> Decoded:
         return read(message, deserialize(uncompressed(message.data), topic.kind))
 
     if encoding == "cdr" and topic.kind in (JOINT_STATE, IMU):
@@ -103,12 +103,12 @@ def joint_columns(names: tuple[str, ...]) -> tuple[str, ...]:
     return tuple(f"{name}.{channel}" for channel in CHANNELS for name in names)
 
 
-def _states(find: Find | None, kind: str) -> Callable[[Message, Any], Samples]:
+def _states(find: Find | None, kind: str) -> Callable[[Message, Any], Decoded]:
     """Returns a decoder of messages that contain joints' states."""
     if find is None:
         raise RecordingError(f"a {kind} in this log has no joints' states: its definition is another one")
 
-    def read(message: Message, content: Any) -> Samples:
+    def read(message: Message, content: Any) -> Decoded:
         names, channels = find(content)
         blank = np.full(len(names), np.nan)
         rows = [channels.get(channel, blank) for channel in CHANNELS]
@@ -122,7 +122,7 @@ def _states(find: Find | None, kind: str) -> Callable[[Message, Any], Samples]:
     return read
 
 
-def _imu(message: Message, content: Any) -> Samples:
+def _imu(message: Message, content: Any) -> Decoded:
     """Decodes an Imu, in which a covariance that begins with -1, or a quaternion of zeros, marks unknown values."""
     gyro, force, turn = content.angular_velocity, content.linear_acceleration, content.orientation
     values = np.array([gyro.x, gyro.y, gyro.z, force.x, force.y, force.z, turn.x, turn.y, turn.z, turn.w])
@@ -136,9 +136,9 @@ def _imu(message: Message, content: Any) -> Samples:
     return _of_one(message, _stamp(content), frame, IMU_NAMES, values)
 
 
-def _of_one(message: Message, stamp: int, frame: str, columns: tuple[str, ...], values: Array) -> Samples:
+def _of_one(message: Message, stamp: int, frame: str, columns: tuple[str, ...], values: Array) -> Decoded:
     """The values (columns,) of one message."""
-    return Samples(message.topic, np.array([message.received]), np.array([stamp]), frame, columns, values[None])
+    return Decoded(message.topic, np.array([message.received]), np.array([stamp]), frame, columns, values[None])
 
 
 def _stamp(content: Any) -> int:
@@ -164,15 +164,15 @@ def _types(topic: Topic, encoding: str) -> Typestore:
 class _Repeated:
     """Reads messages by the positions of their numbers in the last one that `decode` read, if they have its layout."""
 
-    def __init__(self, decode: Callable[[Message], Samples], *, is_imu: bool) -> None:
+    def __init__(self, decode: Callable[[Message], Decoded], *, is_imu: bool) -> None:
         self._decode, self._is_imu = decode, is_imu
-        self._like: Samples | None = None
+        self._like: Decoded | None = None
         self._data = b""  # of the message that was read
         self._same: tuple[slice, ...] = ()  # its bytes that are the same in every message of this layout
         self._numbers = byte_places([], 8)
 
-    def __call__(self, messages: Sequence[Message]) -> list[Samples]:
-        found: list[Samples] = []
+    def __call__(self, messages: Sequence[Message]) -> list[Decoded]:
+        found: list[Decoded] = []
         while messages:
             alike = list(takewhile(self._is_alike, messages))
             if alike and self._like is not None:
@@ -188,7 +188,7 @@ class _Repeated:
         data, own = message.data, self._data
         return len(data) == len(own) and all(data[part] == own[part] for part in self._same)
 
-    def _by_position(self, messages: Sequence[Message], like: Samples) -> Samples:
+    def _by_position(self, messages: Sequence[Message], like: Decoded) -> Decoded:
         rows = byte_rows([message.data for message in messages])
         numbers = numbers_at(rows, self._numbers, "<f8")
         values = numbers[:, _IMU_ORDER] if self._is_imu else numbers
@@ -199,9 +199,9 @@ class _Repeated:
         seconds, rest = (numbers_at(rows, byte_places([at], 4), kind)[:, 0] for at, kind in ((4, "<i4"), (8, "<u4")))
         received = np.array([message.received for message in messages])
         stamps = seconds.astype(np.int64) * 1_000_000_000 + rest
-        return Samples(like.topic, received, stamps, like.frame, like.columns, values)
+        return Decoded(like.topic, received, stamps, like.frame, like.columns, values)
 
-    def _learn(self, data: bytes, samples: Samples) -> None:
+    def _learn(self, data: bytes, samples: Decoded) -> None:
         """Determines the positions of the numbers in messages like this one."""
         joints = len(samples.columns) // 3
         # an Imu has quaternion, rates and specific force, each followed by its covariance; a JointState three arrays,

@@ -1,6 +1,6 @@
 """Reads bags as logs: the joints of one topic and an IMU, merged at the joints' stamps.
 
-Stamps are taken from the messages' headers. Streams with other stamps are interpolated (`alignment`). Samples at which
+Stamps are taken from the messages' headers. Streams with other stamps are interpolated (`alignment`). Decoded at which
 one of the streams has no value are dropped and reported, like blank cells of a table.
 """
 
@@ -18,7 +18,7 @@ from stadera.boundary import begins_with, foreign
 from stadera.errors import ClosedLoopError, RecordingError
 from stadera.limits import LimitError
 from stadera.logs.bags.choice import choose
-from stadera.logs.bags.container import Bag, BagSettings, Container, Message, Samples, Stamps
+from stadera.logs.bags.container import Bag, BagSettings, Container, Decoded, Message, Stamps
 from stadera.logs.bags.decode import Decoder, decoder
 from stadera.logs.bags.merging import Merging, beginning_of, first_samples
 from stadera.logs.bags.unitree import LowStates
@@ -93,7 +93,7 @@ def stamped(reading: Reading) -> Reading:
 
 def _samples(
     bag: Bag, decoders: Mapping[str, Decoder], damaged: Counter[str], settings: BagSettings
-) -> Iterator[Samples]:
+) -> Iterator[Decoded]:
     """Values of a bag's messages, in the order of recording except between topics; `damaged` ones by topic."""
     messages = bag.messages(decoders)
     while some := list(islice(messages, settings.decoded)):
@@ -113,7 +113,7 @@ def _samples(
                     yield samples
 
 
-def _decoded(messages: Sequence[Message], decode: Decoder, damaged: Counter[str]) -> Iterator[Samples]:
+def _decoded(messages: Sequence[Message], decode: Decoder, damaged: Counter[str]) -> Iterator[Decoded]:
     """Values of messages of one topic: one by one if they cannot all be decoded."""
     try:
         yield from decode(messages)
@@ -131,7 +131,7 @@ def _is_time(stamps: Stamps) -> Bools:
     return np.asarray((stamps >= _EARLIEST) & (stamps < _LATEST))
 
 
-def _batches(found: Iterable[Samples], merging: Merging, batch: int) -> Iterator[Array]:
+def _batches(found: Iterable[Decoded], merging: Merging, batch: int) -> Iterator[Array]:
     """The rows of all messages."""
     count = 0
     for samples in found:

@@ -11,7 +11,7 @@ import numpy as np
 
 from stadera.errors import RecordingError
 from stadera.logs.bags.alignment import Alignment, Track
-from stadera.logs.bags.container import BagSettings, Samples
+from stadera.logs.bags.container import BagSettings, Decoded
 from stadera.logs.bags.decode import IMU_NAMES
 from stadera.logs.columns import TIME
 from stadera.types import Array
@@ -23,7 +23,7 @@ Columns = tuple[str, ...]
 class Beginning:
     """A bag's first messages and the layout derived from them. Columns are named as in the flat table."""
 
-    samples: tuple[Samples, ...]
+    samples: tuple[Decoded, ...]
     # for each publisher of joints, identified by its samples' columns, the columns that ever have a value. The
     # publisher whose stamps are used comes first.
     joints: Mapping[frozenset[str], Columns]
@@ -40,10 +40,10 @@ class Beginning:
 
 
 def first_samples(
-    found: Iterable[Samples], joint_topic: str, imu_topic: str | None, settings: BagSettings
-) -> tuple[Samples, ...]:
+    found: Iterable[Decoded], joint_topic: str, imu_topic: str | None, settings: BagSettings
+) -> tuple[Decoded, ...]:
     """The first messages: a number of joints' messages, and one of an IMU if it has a topic."""
-    head: list[Samples] = []
+    head: list[Decoded] = []
     counts: Counter[str | None] = Counter()
     for samples in found:
         head.append(samples)
@@ -55,7 +55,7 @@ def first_samples(
 
 
 def beginning_of(
-    head: Sequence[Samples], joint_topic: str, imu_topic: str | None, joints: Sequence[str] | None
+    head: Sequence[Decoded], joint_topic: str, imu_topic: str | None, joints: Sequence[str] | None
 ) -> Beginning:
     """Derives the layout for the requested joints (None: all) from the first messages. Raises RecordingError: the
     publishers contradict each other.
@@ -81,7 +81,7 @@ def joints_in(columns: Iterable[str]) -> Columns:
 
 
 def _publishers(
-    samples: Sequence[Samples], joints: Sequence[str] | None, *, imu: bool
+    samples: Sequence[Decoded], joints: Sequence[str] | None, *, imu: bool
 ) -> dict[frozenset[str], Columns]:
     """Publishers of one topic, the one with most of the requested joints first.
 
@@ -100,9 +100,9 @@ def _publishers(
     return {key: tuple(name for name in _known(groups[key]) if name not in left_out) for key in kept}
 
 
-def _grouped(samples: Iterable[Samples]) -> dict[frozenset[str], list[Samples]]:
+def _grouped(samples: Iterable[Decoded]) -> dict[frozenset[str], list[Decoded]]:
     """Groups samples by their columns in any order; samples without columns are skipped."""
-    groups: dict[frozenset[str], list[Samples]] = {}
+    groups: dict[frozenset[str], list[Decoded]] = {}
     for sample in samples:
         groups.setdefault(frozenset(sample.columns), []).append(sample)
     groups.pop(frozenset(), None)
@@ -123,13 +123,13 @@ def _check_agreement(named: Sequence[Columns], topic: str) -> None:
                 )
 
 
-def _known(samples: Sequence[Samples]) -> Columns:
+def _known(samples: Sequence[Decoded]) -> Columns:
     """Columns that ever have a value, for samples with the same columns in any order."""
     known = {one.columns[k] for one in samples for k in np.flatnonzero(np.isfinite(one.values).any(axis=0))}
     return tuple(name for name in samples[0].columns if name in known)
 
 
-def _fault(samples: Sequence[Samples]) -> str:
+def _fault(samples: Sequence[Decoded]) -> str:
     if not samples:
         return "it has no messages that can be read"
     if other := next((sample.frame for sample in samples if sample.frame != samples[0].frame), None):
@@ -139,7 +139,7 @@ def _fault(samples: Sequence[Samples]) -> str:
     return ""
 
 
-def _delay(samples: Sequence[Samples]) -> float:
+def _delay(samples: Sequence[Decoded]) -> float:
     """Median time from stamp to recording [s]; NaN without samples."""
     return 1e-9 * float(np.median(np.concatenate([s.received - s.stamp for s in samples]))) if samples else float("nan")
 
@@ -170,7 +170,7 @@ class Merging:
         names = (TIME, *start.columns)
         self._chosen = [names.index(name) for name in columns]
 
-    def take(self, samples: Samples) -> bool:
+    def take(self, samples: Decoded) -> bool:
         """Adds messages' values. Returns True if they belong to one of the streams."""
         if samples.topic != self._topic:
             track = self._imu

@@ -10,7 +10,7 @@ import numpy as np
 
 from stadera.errors import ClosedLoopError, RecordingError
 from stadera.joint_words import by_place, places
-from stadera.logs.bags.container import BagSettings, Message, Samples, Topic
+from stadera.logs.bags.container import BagSettings, Decoded, Message, Topic
 from stadera.logs.bags.decode import IMU_NAMES, byte_places, byte_rows, joint_columns, numbers_at, uncompressed
 
 LOW_STATES = ("unitree_go/msg/LowState", "unitree_hg/msg/LowState")
@@ -67,7 +67,7 @@ class LowStates:
         self._columns = (*joint_columns(motor_names(joints, self._names)), *IMU_NAMES)
         self.clock, self.motors = TickClock(settings), 0
 
-    def __call__(self, messages: Sequence[Message]) -> list[Samples]:
+    def __call__(self, messages: Sequence[Message]) -> list[Decoded]:
         """The values of successive messages. Raises ValueError: they are of several sizes or orders of bytes."""
         content = [uncompressed(message.data) for message in messages]
         if len(set(map(len, content))) > 1 or len({self._order_of(data) for data in content}) > 1:
@@ -91,7 +91,7 @@ class LowStates:
             self._most = np.maximum(self._most, counts.max(axis=0))
         received = np.array([message.received for message in messages])
         stamps = [self.clock.stamp(*one) for one in zip(received.tolist(), ticks, strict=True)]
-        return [Samples(messages[0].topic, received, np.array(stamps), "", self._columns, values)]
+        return [Decoded(messages[0].topic, received, np.array(stamps), "", self._columns, values)]
 
     def _order_of(self, data: bytes) -> str:
         """Order of the bytes, which CDR states."""
