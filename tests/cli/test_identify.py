@@ -293,7 +293,17 @@ def test_an_export_that_fails_leaves_no_other_output(run, log, tmp_path, monkeyp
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize(("option", "value"), [("--torque-lag", "5"), ("--torque-lag", "soon"), ("--split", "3")])
+def test_draws_are_written_on_request(run, log, tmp_path: Path) -> None:
+    outputs = ["--draws", f"3={tmp_path / 'd.csv'}", "--json", tmp_path / "o.json"]
+    assert run("identify", log, "--robot", "hyq", "--legs", "RH", *outputs).code == 0
+    lines = (tmp_path / "d.csv").read_text().splitlines()
+    assert len(lines) == 4
+    assert "rh_kfe_joint.coulomb" in lines[0]
+
+
+@pytest.mark.parametrize(
+    ("option", "value"), [("--draws", "0=d.csv"), ("--torque-lag", "5"), ("--torque-lag", "soon"), ("--split", "3")]
+)
 def test_an_option_out_of_range_is_named(run, tmp_path: Path, option: str, value: str) -> None:
     finished = run("identify", tmp_path / "log.csv", "--robot", "hyq", option, value)
     assert finished.code == 2

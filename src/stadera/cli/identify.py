@@ -11,7 +11,7 @@ import typer
 
 from stadera.cli import parse
 from stadera.cli.options import Force, LogOptions, ModelOptions, RobotOfLog, argument, flag, grouped, option
-from stadera.cli.outputs import ResultFiles
+from stadera.cli.outputs import ResultFiles, check_table
 from stadera.cli.terminal import progress, show
 
 if TYPE_CHECKING:
@@ -68,6 +68,10 @@ def identify(
             "Write the model file as identified; .yaml: its drives for Isaac Lab, mjlab.",
         ),
     ] = None,
+    draws: Annotated[
+        str | None,
+        option("[N=]F.csv", "Write N robots drawn from the posterior [1000], a row each; .csv or .parquet.", "--draws"),
+    ] = None,
     force: Force = False,
     *,
     fit: FitOptions,
@@ -84,13 +88,16 @@ def identify(
     if validate and split is not None:
         raise typer.BadParameter("give --validate or --split, not both", param_hint="--split")
     settings = fit.settings(1.0 if validate else parse.split(split or "0.5"))
+    count, table = parse.counted(draws, "--draws")
 
     from stadera.identify.legs import identify as identify_legs
     from stadera.report.identify.tables import identification_tables
     from stadera.robot.export import check_export
 
     model = shape.load(options.robot(robot, logs[0]), options.reading.limits)
-    files.check(export)
+    files.check(export, table)
+    if table is not None:
+        check_table(table)
     drives = export is not None and export.suffix.lower() in (".yaml", ".yml")
     if export is not None and not drives:
         check_export(model, export)
@@ -99,7 +106,8 @@ def identify(
     with progress() as watch:
         result = identify_legs(model, training, settings, validation or None, watch, fix=options.fix, force=force)
     _require_trust(result, force)
-    files.write_result(result, (export, result.save_actuators if drives else result.save_urdf))
+    drawn = (table, lambda draft: result.save_draws(draft, count))
+    files.write_result(result, (export, result.save_actuators if drives else result.save_urdf), drawn)
     show(*identification_tables(result))
 
 

@@ -165,3 +165,15 @@ def _number(value: str, wanted: str, option: str | None = None) -> float:
     if not isfinite(number):
         raise typer.BadParameter(f"{value!r} is not {wanted}", param_hint=option)
     return number
+
+
+def counted(text: str | None, hint: str, count: int = 1000) -> tuple[int, Path | None]:
+    """Parses "[N=]FILE": a number above 0, and the file, None if there is no text."""
+    if text is None:
+        return count, None
+    number, sign, path = text.partition("=")
+    if not sign:
+        return count, Path(text)
+    if not number.isdigit() or not int(number):
+        raise typer.BadParameter(f"{number!r} is no number above 0", param_hint=hint)
+    return int(number), Path(path)

@@ -266,6 +266,27 @@ class Identification(Result):
         with written_together([path]) as (draft,):
             write_text(draft, text)
 
+    def draws(self, count: int = 1000, seed: int = 0) -> dict[str, Array]:
+        """Robots drawn from the posterior, see `stadera.identify.draws`: each of `LegIdentification.parameters` by its
+        name, (count,). Raises IdentificationError: an impossible leg, or no positive number.
+        """
+        from stadera.identify.draws import drawn
+
+        rng, out = np.random.default_rng(seed), dict[str, Array]()
+        for leg in self.legs:
+            out |= dict(zip(leg.estimate.columns, drawn(leg.estimate, count, rng).T, strict=True))
+            for joint, law in leg.varying.items():
+                if law.travel:  # the bar is of its logarithm
+                    spread = law.travel_std / law.travel
+                    out[f"{joint}.presliding"] = law.travel * np.exp(spread * rng.normal(size=count))
+        return out
+
+    def save_draws(self, path: str | PathLike[str], count: int = 1000, seed: int = 0) -> None:
+        """Writes `draws` as a table, CSV or Parquet by the suffix, a row each. RecordingError for another suffix."""
+        from stadera.logs.frames import write_columns
+
+        write_columns(self.draws(count, seed), path)
+
     def friction_notes(self) -> tuple[str, ...]:
         """How friction varies, which no format of models can hold; one sentence for each joint where it does."""
         return tuple(note for leg in self.legs for note in _friction_notes(leg))

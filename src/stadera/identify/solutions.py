@@ -103,9 +103,9 @@ def null_space_solution(information: Information, prior: Prior, settings: Solver
     verdicts = dict(zip(prior.columns, seen.verdicts(), strict=True))
     held = [link for link in prior.links if verdicts[f"{link}.m"] is not Identifiability.OBSERVABLE]
     values = prior.values + prior.scales * x
-    signed = _signed(prior)
-    rounding = (values[signed] < 0) & (values[signed] > -1e-9 * prior.scales[signed])
-    values[signed] = np.where(rounding, 0.0, values[signed])
+    positive = signed(prior)
+    rounding = (values[positive] < 0) & (values[positive] > -1e-9 * prior.scales[positive])
+    values[positive] = np.where(rounding, 0.0, values[positive])
     return _estimate(data, prior, seen, values, covariance, "null-space", held)
 
 
@@ -139,8 +139,8 @@ def consistent_solution(information: Information, prior: Prior, settings: Solver
     if not _is_consistent(x, prior, settings.margin):
         x[free] = _constrained(best, Vt, weight, free, prior, settings)
     values = prior.values + prior.root @ x
-    signed = _signed(prior)
-    values[signed] = np.maximum(values[signed], 0.0)  # within the solver's tolerance
+    positive = signed(prior)
+    values[positive] = np.maximum(values[positive], 0.0)  # within the solver's tolerance
     scaled, ahead = root @ Vt.T, prior.root[:, held]
     # a fixed mass has an error of its prior width, which propagates to the parameters correlated with it
     moved = ahead - (scaled / weight**2) @ (s[:, None] * (U.T @ (data.R @ ahead)))
@@ -222,9 +222,9 @@ def _nearest_consistent(
         flat = prior.coordinates[link].reshape(10, 16).T
         D = cp.reshape(flat @ x[block], (4, 4), order="C")
         constraints.append((D + D.T) / 2 + np.eye(4) * (1.0 - margin) >> 0)
-    signed = _signed(prior)
-    if signed:
-        constraints.append(x[signed] >= -prior.values[signed] / prior.scales[signed])
+    positive = signed(prior)
+    if positive:
+        constraints.append(x[positive] >= -prior.values[positive] / prior.scales[positive])
     problem = cp.Problem(cp.Minimize(cp.sum_squares(y)), constraints)
     try:
         with warnings.catch_warnings():
@@ -243,11 +243,12 @@ def _is_consistent(x: Array, prior: Prior, margin: float, slack: float = 0.0) ->
         D = np.tensordot(x[prior.block(link)], prior.coordinates[link], axes=1)
         if np.linalg.eigvalsh(D).min() < margin - 1.0 - slack:
             return False
-    signed = _signed(prior)
-    return bool(np.all((x[signed] + slack) * prior.scales[signed] >= -prior.values[signed]))
+    positive = signed(prior)
+    return bool(np.all((x[positive] + slack) * prior.scales[positive] >= -prior.values[positive]))
 
 
-def _signed(prior: Prior) -> list[int]:
+def signed(prior: Prior) -> list[int]:
+    """Indices of the parameters that cannot be negative."""
     return [k for k, c in enumerate(prior.columns) if c.rsplit(".", 1)[1] in _NON_NEGATIVE]
 
 

@@ -111,6 +111,21 @@ def write_table(recording: Recording | Iterable[Recording], path: str | PathLike
     return path
 
 
+def write_columns(columns: Mapping[str, Array], path: str | PathLike[str]) -> None:
+    """Writes columns (n,) by name as a table, CSV or Parquet according to the suffix. Raises RecordingError: another
+    suffix, StaderaError: the folder does not exist or is not writable.
+    """
+    import pyarrow as pa
+    from pyarrow import csv as pacsv
+    from pyarrow import parquet
+
+    if Path(path).suffix.lower() not in SUFFIXES:
+        raise RecordingError(f"{path}: a table is written as one of {', '.join(SUFFIXES)}")
+    table = pa.table(dict(columns))
+    with written_together([path]) as (draft,):
+        (pacsv.write_csv if Path(path).suffix.lower() == ".csv" else parquet.write_table)(table, draft)
+
+
 def _write(chunks: Iterator[Recording], draft: Path, path: Path) -> None:
     from pyarrow import csv as pacsv
     from pyarrow import parquet
