@@ -8,7 +8,6 @@ from typing import Any
 
 import pytest
 
-from stadera.cli.terminal import remaining
 from stadera.fleet import read_fleet
 from stadera.fleet import run as runs
 from stadera.identify.schema import with_identified_legs
@@ -48,7 +47,7 @@ def test_merged_legs_are_written_again_in_place_of_the_ones_before(
     for _ in range(2):
         done = run(*arguments, "--out", tmp_path / "r.parquet")
         assert done.code == 0, done.err
-        assert "hyq: legs by 1 logs, good" in done.out
+        assert "hyq: legs by 1 log, good" in done.out
     assert "in place of the one before" in done.out
     assert with_identified_legs(load_robot("hyq"), tmp_path / "legs.json").dynamics != load_robot("hyq").dynamics
 
@@ -94,10 +93,3 @@ def test_bad_input(run: Callable[..., Any], tmp_path: Path, arguments: tuple[str
     assert done.code == code
     assert said in " ".join(done.err.replace("│", " ").split())
     assert not list(tmp_path.iterdir())
-
-
-def test_remaining_time_counts_what_was_done_in_this_run() -> None:
-    assert remaining(60.0, 30, 60) == "about 2 min left"
-    assert remaining(60.0, 60, 30) == "about 30 s left"
-    assert remaining(3600.0, 1, 5) == "about 5.0 h left"
-    assert remaining(5.0, 3, 60) == remaining(60.0, 0, 60) == remaining(60.0, 9, 0) == ""

@@ -71,31 +71,18 @@ def progress() -> Iterator[Progress | None]:
         yield None
         return
     from rich.console import Console
-    from rich.progress import BarColumn, TaskID, TaskProgressColumn, TextColumn, TimeElapsedColumn
+    from rich.progress import BarColumn, TaskID, TaskProgressColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
     from rich.progress import Progress as Bars
 
     columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeElapsedColumn())
-    extra = (TextColumn("{task.fields[left]}"), TextColumn("{task.fields[detail]}"))
-    with Bars(*columns, *extra, console=Console(stderr=True), transient=True) as bars:
-        tasks: dict[str, tuple[TaskID, int]] = {}
+    more = (TimeRemainingColumn(), TextColumn("{task.fields[detail]}"))
+    console, hour = Console(stderr=True), 3600.0
+    with Bars(*columns, *more, console=console, transient=True, speed_estimate_period=hour) as bars:
+        tasks: dict[str, TaskID] = {}
 
         def report(what: str, done: int, total: int, detail: str = "") -> None:
-            if what not in tasks:
-                tasks[what] = bars.add_task(what, total=total or None, detail=detail, left=""), done
-            task, begun = tasks[what]
-            elapsed = bars.tasks[bars.task_ids.index(task)].elapsed or 0.0
-            left = remaining(elapsed, done - begun, total - done)
-            bars.update(task, completed=done, total=total or None, detail=detail, left=left)
+            if what not in tasks:  # what an earlier run has done does not count as speed
+                tasks[what] = bars.add_task(what, total=total or None, completed=done, detail=detail)
+            bars.update(tasks[what], completed=done, total=total or None, detail=detail)
 
         yield report
-
-
-def remaining(elapsed: float, done: int, left: int, least: float = 10.0) -> str:
-    """Remaining time if the rate stays the same, of `done` steps in `elapsed` [s] without those of an earlier run, and
-    `left` to go; empty before it can be estimated, after `least` [s].
-    """
-    if done <= 0 or left <= 0 or elapsed < least:
-        return ""
-    seconds = elapsed * left / done
-    amount = f"{seconds:.0f} s" if seconds < 100 else f"{seconds / 60:.0f} min" if seconds < 6000 else ""
-    return f"about {amount or f'{seconds / 3600:.1f} h'} left"

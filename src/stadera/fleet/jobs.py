@@ -8,6 +8,7 @@ from functools import cache
 from os import PathLike
 from pathlib import Path
 
+from stadera.boundary import foreign, require_input
 from stadera.errors import RecordingError, StaderaError, UnknownNameError
 from stadera.fleet.source import expanded, is_url
 from stadera.limits import Limits
@@ -167,17 +168,13 @@ def _namer(names: str | None) -> Callable[[str], str | None]:
 
 def _lines(path: Path) -> Iterator[tuple[int, dict[str, str]]]:
     """Yields the number of each line and its non-empty cells."""
-    try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            reader = csv.DictReader(file)
-            for column in reader.fieldnames or ():
-                if column not in COLUMNS:
-                    raise UnknownNameError("column", column, COLUMNS, str(path))
-            if "log" not in (reader.fieldnames or ()):
-                raise RecordingError(f"{path}: a manifest needs a column 'log'")
-            for cells in reader:
-                yield reader.line_num, {name: text.strip() for name, text in cells.items() if name and text}
-    except OSError as error:
-        raise RecordingError(f"{path}: cannot be read: {error.strerror}") from None
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise RecordingError(f"{path}: not a CSV table: {error}") from None
+    require_input(path)
+    with foreign(path, "not a CSV table"), path.open(encoding="utf-8-sig", newline="") as file:
+        reader = csv.DictReader(file)
+        for column in reader.fieldnames or ():
+            if column not in COLUMNS:
+                raise UnknownNameError("column", column, COLUMNS, str(path))
+        if "log" not in (reader.fieldnames or ()):
+            raise RecordingError(f"{path}: a manifest needs a column 'log'")
+        for cells in reader:
+            yield reader.line_num, {name: text.strip() for name, text in cells.items() if name and text}

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import stadera
+from stadera.boundary import foreign
 from stadera.errors import StaderaError
 
 Entry = Mapping[str, Any]
@@ -34,11 +35,9 @@ def journal(path: Path) -> Iterator[Callable[[Entry], None]]:
     """Yields a function that appends entries immediately. Creates the folder if necessary. Raises StaderaError: it
     cannot be written.
     """
-    try:
+    with foreign(path, "outcomes cannot be kept there", StaderaError):
         path.parent.mkdir(parents=True, exist_ok=True)
         file = path.open("a", encoding="utf-8")
-    except OSError as error:
-        raise StaderaError(f"{path}: outcomes cannot be kept there: {error.strerror}") from None
     with file:
         file.write("\n")  # ends an incomplete line
 

@@ -15,6 +15,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+from stadera.boundary import foreign
 from stadera.errors import MissingExtraError, RecordingError
 from stadera.logs.topics import LogFile
 
@@ -38,7 +39,7 @@ def expanded(pattern: str) -> list[str]:
         return [pattern if is_url(pattern) else str(LogFile.of(pattern).path.absolute())]
     if is_url(pattern):
         system, path = _system(pattern)
-        with _named(pattern):
+        with foreign(pattern, "cannot be fetched"):
             found = [str(system.unstrip_protocol(name)) for name in system.glob(path)]
     else:
         found = [str(Path(name).absolute()) for name in glob(pattern, recursive=True)]
@@ -61,7 +62,7 @@ def fetched(address: str) -> Iterator[Path]:
     system, path = _system(address)
     with TemporaryDirectory(prefix="stadera-") as folder:
         copy = Path(folder) / path.rstrip("/").rpartition("/")[2]
-        with _named(address):
+        with foreign(address, "cannot be fetched"):
             whole = system.isdir(path)
             system.get(path.rstrip("/") + "/" * whole, str(copy) + "/" * whole, recursive=whole)
         yield copy
@@ -91,16 +92,6 @@ def _system(url: str) -> tuple[Any, str]:
     except ValueError as error:
         raise RecordingError(f"{url}: not a URL that can be read: {error}") from None
     return system, str(path)
-
-
-@contextmanager
-def _named(url: str) -> Iterator[None]:
-    """Converts errors of a remote location, of any class, to one of this package that names the URL."""
-    try:
-        yield
-    except Exception as error:
-        said = " ".join(str(error).split()) or type(error).__name__
-        raise RecordingError(f"{url}: cannot be fetched: {said[:200]}") from None
 
 
 KEY = "robot"

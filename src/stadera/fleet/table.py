@@ -12,6 +12,7 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
+from stadera.boundary import foreign
 from stadera.errors import StaderaError
 from stadera.files import written_together
 from stadera.results import Result, data_frame
@@ -125,13 +126,10 @@ def _arrow(pa: Any, rows: Sequence[dict[str, Any]], columns: dict[str, str]) -> 
 
 
 def _read(path: Path, columns: dict[str, str]) -> tuple[tuple[dict[str, Any], ...], bytes]:
-    import pyarrow as pa
     from pyarrow import parquet
 
-    try:
+    with foreign(path, "not a fleet's table", StaderaError):
         table = parquet.read_table(path)
-    except (pa.ArrowException, OSError, ValueError) as error:
-        raise StaderaError(f"{path}: not a fleet's table: {' '.join(str(error).split())[:200]}") from None
     if missing := [name for name in columns if name not in table.column_names]:
         raise StaderaError(f"{path}: not a fleet's table: no column {', '.join(missing)}")
     return tuple(table.select(list(columns)).to_pylist()), (table.schema.metadata or {}).get(_KEYS, b"")

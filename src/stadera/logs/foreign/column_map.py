@@ -75,15 +75,14 @@ def column_map(given: str | Path) -> ColumnMap:
             f"neither a preset for columns ({', '.join(preset_names())}) nor a map: {error}; {TEMPLATE_HINT}"
         ) from None
     with foreign(path, "not a map of columns"):
-        return parsed(path.read_text(encoding="utf-8"), str(path))
+        text = path.read_text(encoding="utf-8")
+    return parsed(text, str(path))
 
 
 def parsed(text: str, name: str) -> ColumnMap:
     """Parses a map from the text of a TOML file. Raises as `column_map`."""
-    try:
+    with foreign(name, "not a map of columns"):
         content = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise RecordingError(f"{name}: not a map of columns: {error}") from None
     if unknown := next((key for key in content if key not in _KEYS), None):
         raise RecordingError(f"{name}: unknown key {unknown!r}; valid: {', '.join(_KEYS)}")
     joints = content.get("joints", [])
