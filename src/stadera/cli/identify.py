@@ -65,7 +65,7 @@ def identify(
         Path | None,
         option(
             "F.urdf|F.yaml",
-            "Write the model file as identified; .yaml: its drives for Isaac Lab, mjlab.",
+            "Write the model file as identified; .yaml: its drives for Isaac Lab, mjlab; .usda, .usd: as USD.",
         ),
     ] = None,
     draws: Annotated[
@@ -93,13 +93,17 @@ def identify(
     from stadera.identify.legs import identify as identify_legs
     from stadera.report.identify.tables import identification_tables
     from stadera.robot.export import check_export
+    from stadera.robot.usd import require_usd
 
     model = shape.load(options.robot(robot, logs[0]), options.reading.limits)
     files.check(export, table)
     if table is not None:
         check_table(table)
-    drives = export is not None and export.suffix.lower() in (".yaml", ".yml")
-    if export is not None and not drives:
+    suffix = "" if export is None else export.suffix.lower()
+    drives, usd = suffix in (".yaml", ".yml"), suffix in (".usd", ".usda")
+    if usd:
+        require_usd()
+    elif export is not None and not drives:
         check_export(model, export)
     training = [options.log(path) for path in logs]
     validation = [options.log(path) for path in validate or ()]
@@ -107,7 +111,8 @@ def identify(
         result = identify_legs(model, training, settings, validation or None, watch, fix=options.fix, force=force)
     _require_trust(result, force)
     drawn = (table, lambda draft: result.save_draws(draft, count))
-    files.write_result(result, (export, result.save_actuators if drives else result.save_urdf), drawn)
+    model_file = result.save_actuators if drives else result.save_usd if usd else result.save_urdf
+    files.write_result(result, (export, model_file), drawn)
     show(*identification_tables(result))
 
 

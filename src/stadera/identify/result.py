@@ -256,6 +256,12 @@ class Identification(Result):
         with written_together([path]) as (draft,):
             export_model(self.identified_robot(), draft, note="\n  ".join((*self.unmeasured(), *self.friction_notes())))
 
+    def save_usd(self, path: str | PathLike[str]) -> None:
+        """Writes the identified robot as USD, see `stadera.robot.usd`. MissingExtraError: usd-core is not installed."""
+        from stadera.robot.usd import write_usd
+
+        write_usd(self.identified_robot(), path, (*self.unmeasured(), *self.friction_notes()))
+
     def save_actuators(self, path: str | PathLike[str]) -> None:
         """Writes the drives as YAML for Isaac Lab and mjlab, see `stadera.robot.actuators`."""
         from stadera.files import write_text

@@ -11,6 +11,7 @@ from stadera.lab.experiments import (
     faults,
     fig6,
     humanoids,
+    identified,
     inertial_share,
     legs,
     mini_cheetah,
@@ -46,6 +47,7 @@ _EXPERIMENTS = (
     reality.EXPERIMENT,
     faults.EXPERIMENT,
     humanoids.EXPERIMENT,
+    identified.EXPERIMENT,
     mini_cheetah.EXPERIMENT,
 )
 EXPERIMENTS: Mapping[str, Experiment] = MappingProxyType({e.name: e for e in _EXPERIMENTS})
