@@ -17,6 +17,7 @@ import numpy as np
 from themed import BLUE, FOLDER, GREEN, INK, ORANGE, STEEL, panels, save
 
 import stadera
+from stadera.excite.trunk.design import weighing_routine
 from stadera.identify.result import LegIdentification
 from stadera.lab.demo import run_demo
 from stadera.lab.report.demo.page import demo_html
@@ -127,6 +128,17 @@ def excitation() -> None:
     save(figure, "excitation")
 
 
+def routine() -> None:
+    """The five seconds by which a standing Go2's payload is weighed best."""
+    planted = weighing_routine("go2").planted
+    figure, (axis,) = panels(height=2.0)
+    for k, name in enumerate(("roll", "pitch")):
+        axis.plot(planted.time, np.degrees(planted.pose[:, k]), label=name)
+    axis.set(xlabel="time [s]", ylabel="trunk [°]")
+    axis.legend(ncols=2, fontsize=8, loc="lower left", bbox_to_anchor=(0, 1))
+    save(figure, "routine")
+
+
 MOMENTS = (0.2, 1.15, 2.6)
 """Of the demo's picture [s], from the moment the box is let go: it has landed, one robot tips, it lies."""
 
@@ -165,6 +177,7 @@ def main() -> None:
     payload_at_a_trot()
     motions()
     excitation()
+    routine()
     demo(FOLDER / "demo.png")
 
 
