@@ -1,17 +1,14 @@
 """Topics of a running robot: statistics of each, the choice of those to read, and their one clock."""
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import NamedTuple
 
-from stadera.limits import Budget
 from stadera.live.keys import Sent
 from stadera.live.settings import LiveSettings
-from stadera.logs.bags.choice import Choice, choose
-from stadera.logs.bags.container import Bag, Message, Topic
+from stadera.logs.bags.choice import Choice, Offer, choose
+from stadera.logs.bags.container import Message, Topic
 from stadera.logs.bags.decode import IMU, JOINT_STATE
-from stadera.logs.bags.mcap import McapFile
 from stadera.logs.bags.unitree import LOW_STATES
 from stadera.logs.topics import Topics
 
@@ -91,20 +88,12 @@ def chosen(head: Sequence[Arrival], asked: Topics, joints: Sequence[str], settin
     """Chooses the topics of joints and IMU (None if the joints' messages include it or there is none), as for a bag.
     Raises RecordingError: several match and none was requested, or the requested one is missing or has another type.
     """
-    found = {arrival.topic: Topic(arrival.kind) for arrival in head}
-    return choose(_HeadBag(head), found, asked, joints, settings.bags)
 
+    def first(topics: Sequence[str]) -> Iterator[Message]:
+        return (Message(one.topic, one.received, one.data) for one in head if one.topic in topics)
 
-class _HeadBag(Bag):
-    """The first messages, as those of a bag."""
-
-    def __init__(self, head: Sequence[Arrival]) -> None:
-        super().__init__(Path("live"), McapFile(), (), Budget(Path("live")))
-        self._messages = [Message(arrival.topic, arrival.received, arrival.data) for arrival in head]
-
-    def messages(self, topics: Collection[str]) -> Iterator[Message]:
-        """Those of the topics."""
-        return (message for message in self._messages if message.topic in topics)
+    offer = Offer("live", "cdr", {arrival.topic: Topic(arrival.kind) for arrival in head}, first)
+    return choose(offer, asked, joints, settings.bags)
 
 
 @dataclass

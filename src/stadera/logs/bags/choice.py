@@ -1,18 +1,30 @@
 """Chooses the topics of a bag: by type, by the requested joints and by namespace; else the user must choose."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from itertools import islice
 
 from stadera.errors import RecordingError
-from stadera.logs.bags.container import Bag, BagSettings, Message, Topic
+from stadera.logs.bags.container import BagSettings, Message, Topic
 from stadera.logs.bags.decode import IMU, JOINT_STATE, decoder, has_states, is_low_state
 from stadera.logs.bags.merging import joints_in
 from stadera.logs.topics import Topics
 
 _SLOW_TWIN = "lf"
 """Unitree's robots publish /lf/lowstate, the same messages at a lower rate, in addition to /lowstate."""
+
+
+@dataclass(frozen=True)
+class Offer:
+    """What a log offers: its name for messages, the encoding of its messages, its topics, and a function that yields
+    the first messages of some of them.
+    """
+
+    source: str
+    encoding: str
+    topics: Mapping[str, Topic]
+    first: Callable[[Sequence[str]], Iterable[Message]]
 
 
 @dataclass(frozen=True)
@@ -41,25 +53,23 @@ class _Candidate:
         return f"{self.name} ({self.kind}{rate}{joints})"
 
 
-def choose(
-    bag: Bag, found: Mapping[str, Topic], topics: Topics, joints: Sequence[str] | None, settings: BagSettings
-) -> Choice:
+def choose(offer: Offer, topics: Topics, joints: Sequence[str] | None, settings: BagSettings) -> Choice:
     """Chooses the topics of joints and IMU. Raises RecordingError: a topic does not exist or has another type, there is
     none of joints, or several match.
 
     Of several topics of joints, Unitree's slow copies are excluded, then those without the requested joints. Of several
     IMUs, the one in the joints' namespace is read.
     """
-    source = str(bag.path)
-    states = _states(found, bag.container.encoding, topics.joint)
-    if topics.joint is not None:
-        _check_asked(found, states, topics.joint, "--joint-topic", "joints' states", source)
-        joint = topics.joint
+    found = offer.topics
+    states = _states(offer, topics.joint)
+    joint = topics.joint
+    if joint is not None:
+        _check_asked(offer, states, joint, "--joint-topic", "joints' states")
     else:
-        joint = _joint_topic(bag, found, states, joints, settings)
+        joint = _joint_topic(offer, states, joints, settings)
     imu = None
     if not is_low_state(found[joint]) or topics.imu not in (None, joint):
-        imu = _imu_topic(bag, found, topics.imu, joint, states, settings)
+        imu = _imu_topic(offer, topics.imu, joint, states, settings)
     own = "the same messages" if is_low_state(found[joint]) else "none"
     read = f"joints read from {joint} ({found[joint].kind}), IMU from {imu or own}"
     others = sorted(set(states) - {joint})
@@ -67,46 +77,43 @@ def choose(
     return Choice(joint, imu, (read + left,))
 
 
-def _states(found: Mapping[str, Topic], encoding: str, asked: str | None) -> list[str]:
+def _states(offer: Offer, asked: str | None) -> list[str]:
     """Topics of joints' states; those of unusual types only if there are no others or one is requested."""
-    usual = [name for name, topic in found.items() if topic.kind == JOINT_STATE or is_low_state(topic)]
+    usual = [name for name, topic in offer.topics.items() if topic.kind == JOINT_STATE or is_low_state(topic)]
     if usual and asked in (None, *usual):
         return sorted(usual)
-    return sorted([*usual, *(n for n, topic in found.items() if n not in usual and has_states(topic, encoding))])
+    others = ((name, topic) for name, topic in offer.topics.items() if name not in usual)
+    return sorted([*usual, *(name for name, topic in others if has_states(topic, offer.encoding))])
 
 
-def _joint_topic(
-    bag: Bag, found: Mapping[str, Topic], states: Sequence[str], joints: Sequence[str] | None, settings: BagSettings
-) -> str:
+def _joint_topic(offer: Offer, states: Sequence[str], joints: Sequence[str] | None, settings: BagSettings) -> str:
     if not states:
-        there = ", ".join(f"{name} ({topic.kind})" for name, topic in sorted(found.items())) or "none"
+        there = ", ".join(f"{name} ({topic.kind})" for name, topic in sorted(offer.topics.items())) or "none"
         raise RecordingError(
-            f"{bag.path}: no topic of type unitree_go/msg/LowState or {JOINT_STATE}, nor of another one with names, "
-            f"positions and efforts of joints; topics: {there}"
+            f"{offer.source}: no topic of type unitree_go/msg/LowState or {JOINT_STATE}, nor of another one with "
+            f"names, positions and efforts of joints; topics: {there}"
         )
     fitting = [name for name in states if _fast_twin(name) not in states]
     if len(fitting) == 1:
         return fitting[0]
-    candidates = _measured(bag, found, fitting, joints, settings)
+    candidates = _measured(offer, fitting, joints, settings)
     whole = [c for c in candidates if joints and set(joints) <= set(c.joints)]
     if len(whole) == 1:
         return whole[0].name
-    raise _several(bag, whole or candidates, "joints' states", "--joint-topic")
+    raise _several(offer, whole or candidates, "joints' states", "--joint-topic")
 
 
-def _imu_topic(
-    bag: Bag, found: Mapping[str, Topic], asked: str | None, joint: str, states: Sequence[str], settings: BagSettings
-) -> str | None:
-    fitting = sorted(name for name, topic in found.items() if topic.kind == IMU)
+def _imu_topic(offer: Offer, asked: str | None, joint: str, states: Sequence[str], settings: BagSettings) -> str | None:
+    fitting = sorted(name for name, topic in offer.topics.items() if topic.kind == IMU)
     if asked is not None:
-        _check_asked(found, fitting, asked, "--imu-topic", IMU, str(bag.path))
+        _check_asked(offer, fitting, asked, "--imu-topic", IMU)
         return asked
     # the IMU belongs to the topic of joints with which it shares most of its namespace
     own = [name for name in fitting if all(_shared(name, joint) >= _shared(name, other) for other in states)]
     nearest = max((_shared(name, joint) for name in own), default=0)
     own = [name for name in own if _shared(name, joint) == nearest]
     if len(own) > 1:
-        raise _several(bag, _measured(bag, found, own, None, settings), IMU, "--imu-topic")
+        raise _several(offer, _measured(offer, own, None, settings), IMU, "--imu-topic")
     return own[0] if own else None
 
 
@@ -122,48 +129,39 @@ def _shared(one: str, other: str) -> int:
     return next((k for k, (a, b) in enumerate(parts) if a != b), min(one.count("/"), other.count("/")) - 1)
 
 
-def _check_asked(
-    found: Mapping[str, Topic], fitting: Sequence[str], asked: str, option: str, what: str, source: str
-) -> None:
+def _check_asked(offer: Offer, fitting: Sequence[str], asked: str, option: str, what: str) -> None:
     listed = f"topics of type {what}" if "/" in what else f"topics of {what}"
     listed += f": {', '.join(fitting) or 'none'}"
-    if asked not in found:
-        raise RecordingError(f"{source}: {option} {asked}: no such topic; {listed}")
+    if asked not in offer.topics:
+        raise RecordingError(f"{offer.source}: {option} {asked}: no such topic; {listed}")
     if asked not in fitting:
-        raise RecordingError(f"{source}: {option} {asked} is a {found[asked].kind}; {listed}")
+        raise RecordingError(f"{offer.source}: {option} {asked} is a {offer.topics[asked].kind}; {listed}")
 
 
-def _several(bag: Bag, candidates: Sequence[_Candidate], what: str, option: str) -> RecordingError:
+def _several(offer: Offer, candidates: Sequence[_Candidate], what: str, option: str) -> RecordingError:
     listed = ", ".join(map(str, candidates))
-    return RecordingError(f"{bag.path}: several topics of {what}: {listed}; choose one with {option}")
+    return RecordingError(f"{offer.source}: several topics of {what}: {listed}; choose one with {option}")
 
 
 def _measured(
-    bag: Bag, found: Mapping[str, Topic], names: Sequence[str], joints: Sequence[str] | None, settings: BagSettings
+    offer: Offer, names: Sequence[str], joints: Sequence[str] | None, settings: BagSettings
 ) -> list[_Candidate]:
-    """The candidates with their rates, measured at the beginning of the bag."""
+    """The candidates with their rates and joints, measured at the beginning of the log."""
     first: dict[str, list[Message]] = {name: [] for name in names}
-    for message in islice(bag.messages(names), settings.most_ahead):
+    for message in islice(offer.first(names), settings.most_ahead):
         if len(first[message.topic]) < settings.head:
             first[message.topic].append(message)
         elif all(len(messages) > 1 for messages in first.values()):
             break
-    bag.damage.clear()  # reported again when the bag is read
     candidates = []
     for name, messages in first.items():
+        topic = offer.topics[name]
         span = 1e-9 * (messages[-1].received - messages[0].received) if len(messages) > 1 else 0.0
         rate = (len(messages) - 1) / span if span else float("nan")
-        states = found[name].kind != IMU
-        known = _joints(found[name], bag.container.encoding, messages, joints, settings) if states else ()
-        candidates.append(_Candidate(name, found[name].kind, rate, tuple(dict.fromkeys(known))))
+        known: dict[str, None] = {}
+        decode = decoder(topic, offer.encoding, joints, settings)
+        for message in messages[:8] if topic.kind != IMU else ():
+            with suppress(Exception):  # the libraries raise many kinds of errors on damaged bytes
+                known |= dict.fromkeys(joints_in(decode([message])[0].columns))
+        candidates.append(_Candidate(name, topic.kind, rate, tuple(known)))
     return candidates
-
-
-def _joints(
-    topic: Topic, encoding: str, messages: Sequence[Message], joints: Sequence[str] | None, settings: BagSettings
-) -> Iterator[str]:
-    """Joints in the first readable messages."""
-    decode = decoder(topic, encoding, joints, settings)
-    for message in messages[:8]:
-        with suppress(Exception):  # the libraries raise many kinds of errors on damaged bytes
-            yield from joints_in(decode([message])[0].columns)

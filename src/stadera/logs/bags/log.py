@@ -17,7 +17,7 @@ import numpy as np
 from stadera.boundary import begins_with, foreign
 from stadera.errors import ClosedLoopError, RecordingError
 from stadera.limits import LimitError
-from stadera.logs.bags.choice import choose
+from stadera.logs.bags.choice import Offer, choose
 from stadera.logs.bags.container import Bag, BagSettings, Container, Decoded, Message, Stamps
 from stadera.logs.bags.decode import Decoder, decoder
 from stadera.logs.bags.merging import Merging, beginning_of, first_samples
@@ -57,7 +57,9 @@ class BagLog:
             raise RecordingError(f"{path}: a {self.name} has no columns: leave out --columns, which is for tables")
         bag = Bag.at(path, self.container, log.reading.limits)
         found = bag.topics()
-        choice = choose(bag, found, log.topics, joints, self.settings)
+        probe = replace(bag, damage=[])  # damage is reported when the bag is read
+        offer = Offer(str(path), self.container.encoding, found, probe.messages)
+        choice = choose(offer, log.topics, joints, self.settings)
         joint_topic, imu_topic = choice.joint, choice.imu
         chosen = [name for name in (joint_topic, imu_topic) if name is not None]
         with foreign(path, "definitions of messages"):
