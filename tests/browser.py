@@ -28,6 +28,7 @@ _MEASURE = """
     const wide = [...inside.querySelectorAll("main *")].filter((e) => !e.closest(".scroll, svg, .plot") &&
       e.getBoundingClientRect().right > root.clientWidth + 1).map((e) => e.tagName + "." + e.className);
     seen[frame.id] = {width: root.clientWidth, scroll: root.scrollWidth, answer: end(".answer"), badge: end(".badge"),
+      next: end(".next"),
       play: end("#play"), boxes: [...inside.querySelectorAll(".scroll")].filter((e) => !fits(e)).length, wide: wide,
       plots: inside.querySelectorAll(".plot .main-svg").length,
       curve: Math.max(0, ...[...inside.querySelectorAll(".plot path.js-line")].map((e) =>

@@ -144,6 +144,15 @@ def test_answer_and_trust_are_on_the_first_screen(measured, name: str) -> None:
 
 
 @needs_browser
+@pytest.mark.parametrize("name", ["weigh", "rest"])
+@pytest.mark.parametrize("width", [DESK, PHONE])
+def test_a_weighing_s_first_screen_answers(measured, name: str, width: int) -> None:
+    """How heavy, where, how sure, may I use it, what next."""
+    seen = measured[f"{name}-{width}"]
+    assert 0 < seen["answer"] < seen["badge"] < seen["next"] < SCREEN
+
+
+@needs_browser
 def test_pages_are_dark_where_the_reader_s_screen_is(pages, measured, tmp_path: Path) -> None:
     dark = measure({"weigh": pages["weigh"]}, tmp_path, dark=True)[f"weigh-{DESK}"]
     light = measured[f"weigh-{DESK}"]

@@ -191,9 +191,10 @@ def _single(consistent: Sequence[bool]) -> tuple[int, int]:
     return (int(found[0]), int(found[-1]) + 1) if unbroken else (0, 0)
 
 
-def with_extra_joints(robot: Robot, *logs: Source) -> tuple[Robot, tuple[Source, ...], tuple[str, ...]]:
+def with_extra_joints(robot: Robot, *logs: Source, named: int = 6) -> tuple[Robot, tuple[Source, ...], tuple[str, ...]]:
     """Returns the robot posed as at the beginning of the first of the logs that has its joints outside the legs, the
     logs with instructions to read these joints, and notes. A robot without such joints is returned unchanged.
+    At most `named` joints are listed with their positions.
     """
     extra = robot.extra
     if extra is None:
@@ -205,10 +206,13 @@ def with_extra_joints(robot: Robot, *logs: Source) -> tuple[Robot, tuple[Source,
             notes.append(f"{_listed(lacking)} of no leg: not in {log.name}, held at the model's zero")
     posed = posed_as(robot, next((recorded for _, recorded in read if recorded is not None), None))
     if posed is not robot and posed.extra is not None:
-        angles = ", ".join(f"{value:.3g}" for value in posed.extra.reference)
+        few = len(extra.joints) <= named
+        which = _listed(extra.joints) if few else f"{len(extra.joints)} joints"
+        at = ", ".join(f"{value:.3g}" for value in posed.extra.reference)
+        place = f"at {at} (rad or m), as at the beginning" if few else "as at the beginning"
         notes.append(
-            f"{_listed(extra.joints)} of no leg: they move as recorded, with the model's inertia; the trunk's "
-            f"values are those with them at {angles} (rad or m), as at the beginning"
+            f"{which} of no leg: they move as recorded, with the model's inertia; the trunk's values are those with "
+            f"them {place}"
         )
     return posed, tuple(log for log, _ in read), tuple(dict.fromkeys(notes))
 
