@@ -207,15 +207,17 @@ class Front:
         """For each block, the refusal of one in which a joint is at its mechanical stop, whose torque no sensor shows;
         else empty.
         """
-        near = np.abs(table[: window.edges[-1] + 2, 1 : 1 + len(self._stops), None] - self._stops).min(axis=2)
-        if near.min() >= self._settings.stop:
+        position, stop = table[: window.edges[-1] + 2, 1 : 1 + len(self._stops)], self._settings.stop
+        lower, upper = position.min(axis=0) - self._stops[:, 0], self._stops[:, 1] - position.max(axis=0)
+        if min(lower.min(), upper.min()) >= stop:
             return [""] * (len(window.edges) - 1)
+        near = np.abs(position[:, :, None] - self._stops).min(axis=2)
         inside = np.minimum.reduceat(near[1:-1], window.edges[:-1], axis=0)
         away = np.minimum(inside, np.minimum(near[window.edges[:-1]], near[window.edges[1:] + 1]))
         names = [self._robot.tree.joints[at] for at in away.argmin(axis=1)]
         return [
             f"joint {name!r} is at its mechanical stop, which carries a torque unseen" if least else ""
-            for name, least in zip(names, away.min(axis=1) < self._settings.stop, strict=True)
+            for name, least in zip(names, away.min(axis=1) < stop, strict=True)
         ]
 
     def _counted(self, made: Made) -> Made:

@@ -206,7 +206,8 @@ class RowMaker:
         near-singular.
         """
         state = self.body.at(motion)
-        state.to_wrench[(np.abs(state.volume) < self.flat).any(axis=1)] = 0.0
+        if (flat := np.abs(state.volume) < self.flat).any():
+            state.to_wrench[flat.any(axis=1)] = 0.0
         return state.feet, self.body.forces(state, self.body.left(state, motion, effort))
 
     def blocks(
@@ -232,11 +233,14 @@ class RowMaker:
             so near-singular that its foot's force is not determined, None if there is none.
         """
         window, state = window_of(sizes), self.body.at(motion, columns=True)
-        flat = np.logical_or.reduceat(np.abs(state.volume) < self.flat, window.edges[:-1], axis=0)
-        singular = [int(np.argmax(legs)) if legs.any() else None for legs in flat]
-        sound: Bools = np.asarray(~flat.any(axis=1) & (True if used is None else used))
-        wrong = ~sound[window.block]  # sums over these samples are not used, and need to be finite
-        state.to_wrench[wrong] = state.columns[wrong] = 0.0
+        singular: list[int | None] = [None] * len(sizes)
+        sound = np.ones(len(sizes), dtype=bool) if used is None else used
+        if (flat := np.abs(state.volume) < self.flat).any():
+            by_leg = np.logical_or.reduceat(flat, window.edges[:-1], axis=0)
+            singular = [int(np.argmax(legs)) if legs.any() else None for legs in by_leg]
+            sound = sound & ~by_leg.any(axis=1)
+            wrong = ~sound[window.block]  # sums over these samples are not used, and need to be finite
+            state.to_wrench[wrong] = state.columns[wrong] = 0.0
         noise = self.noise.learnt(None if squares is None else squares[:, self._channels], sizes, sound)
         halves = self._halves(samples, window, motion, state, noise, sound)
         before = self._half or {name: np.zeros_like(value[:1]) for name, value in halves.items()}
@@ -336,7 +340,8 @@ class RowMaker:
             part[:, first:] = values[k, None]
         moved = (each.reshape(B * N, -1) for each in (position, velocity, acceleration, *trunk))
         state = body.at(Motion._make((*moved, np.repeat(motion.normal[k], N, axis=0))))
-        state.to_wrench[np.repeat(~sound, N)] = 0.0
+        if not sound.all():
+            state.to_wrench[np.repeat(~sound, N)] = 0.0
         E, axis = (each.reshape(B, N, *each.shape[1:])[:, first, J] for each in (state.to_wrench, state.axis))
         h = state.torque[:, J].reshape(B, N, len(J))
         h[:, first:] += (body.friction(motion.velocity[k], motion.velocity[k])[:, J] - tau[k])[:, None]

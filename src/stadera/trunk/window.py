@@ -23,8 +23,8 @@ class Window(NamedTuple):
     Attributes:
         edges: (B + 1,), of the blocks. block: (N,), of each sample.
         halves: (2, N), rising and falling; alternating: the same with signs, + at a block's end, - where the next one
-            begins. mean, slope: (1, N), of a block's mean, and of the slope of a line through its samples, over the
-            sample's number `along` (N,) from the middle.
+            begins. fit: (2, N), of a block's mean, and of the slope of a line through its samples, over the sample's
+            number `along` (N,) from the middle. mean: (1, N), the first of these.
         inside: (1, N), of the mean over all samples of a block but the last, of which third differences are.
         averaged: (B,), Σ w². differences: (B,), see `half_differences`.
     """
@@ -34,7 +34,7 @@ class Window(NamedTuple):
     halves: Array
     alternating: Array
     mean: Array
-    slope: Array
+    fit: Array
     inside: Array
     along: Array
     averaged: Array
@@ -48,7 +48,7 @@ class Window(NamedTuple):
 
     def line(self, values: Array) -> Array:
         """A line fitted to values (N, J) in each block."""
-        found = self.sums(np.concatenate([self.mean, self.slope]), values)[self.block]
+        found = self.sums(self.fit, values)[self.block]
         return np.asarray(found[:, 0] + self.along[:, None] * found[:, 1])
 
 
@@ -59,6 +59,7 @@ def window_of(sizes: tuple[int, ...]) -> Window:
     falling = [w[::-1] for w in rising]
     signs = [1.0 - 2.0 * (np.arange(n) % 2) for n in sizes]
     along = [np.arange(n) - 0.5 * (n - 1) for n in sizes]
+    mean = np.concatenate([np.full(n, 1.0 / n) for n in sizes])
     return Window(
         np.concatenate([[0], np.cumsum(sizes)]),
         np.repeat(np.arange(len(sizes)), sizes),
@@ -69,8 +70,8 @@ def window_of(sizes: tuple[int, ...]) -> Window:
                 np.concatenate([-w * sign for w, sign in zip(falling, signs, strict=True)]),
             ]
         ),
-        np.concatenate([np.full(n, 1.0 / n) for n in sizes])[None],
-        np.concatenate([x / max(float(x @ x), 1.0) for x in along])[None],
+        mean[None],
+        np.stack([mean, np.concatenate([x / max(float(x @ x), 1.0) for x in along])]),
         np.concatenate([np.append(np.full(n - 1, 1.0 / max(n - 1, 1)), 0.0) for n in sizes])[None],
         np.concatenate(along),
         np.array([float(w @ w) for w in rising]),
