@@ -1,4 +1,4 @@
-"""Weighted sums over a block, compiled: the part of `stadera.trunk.rows` that would be many small products in numpy."""
+"""Sums over blocks, compiled: the parts of `stadera.trunk.rows` that would be many small products in numpy."""
 
 from __future__ import annotations
 
@@ -70,3 +70,49 @@ def window_sums(
                 for c in range(6):
                     for p in range(10):
                         by_links[b, h, link, c, p] += weights[h, k] * columns[k, link, c, p]
+
+
+@compiled(
+    "void(int64[::1], int64[::1], int64[::1], float64[:,:,::1], float64[:,::1], float64[:,:,::1], float64, "
+    "float64[:,:,::1], float64[:,:,::1])"
+)
+def differences(
+    joints: Ints,
+    legs: Ints,
+    order: Ints,
+    E: Array,
+    left: Array,
+    inertial: Array,
+    step: float,
+    probes: Array,
+    middle: Array,
+) -> None:
+    """Derivatives of b of B blocks, from states in which one quantity after another is moved in all legs at once.
+
+    Args:
+        joints, legs, order: (J,), of the joints in the legs, their place among all, their leg, and their place in it.
+        E, inertial: of a `State` at B N samples; left: (B N, n), h - τ. The states of a block have a unit of each of
+            the trunk's six accelerations, of the acceleration of each place in a leg, nothing moved, and `step` of
+            each position.
+        probes: (B, 6, 6 + J), zero, written, by accelerations. middle: (B, 6, J), written, by positions.
+    """
+    most = (len(E) // len(probes) - 7) // 2
+    for b in range(len(probes)):
+        start = b * (7 + 2 * most)
+        still = start + 6 + most
+        for c in range(6):
+            for i in range(6):
+                for body in range(inertial.shape[1]):
+                    probes[b, c, i] -= inertial[start + i, body, c]
+                for j in joints:
+                    probes[b, c, i] += E[start + i, j, c] * left[start + i, j]
+            for k in range(len(joints)):
+                accelerated, moved = start + 6 + order[k], still + 1 + order[k]
+                change = inertial[still, legs[k], c] - inertial[moved, legs[k], c]
+                probes[b, c, 6 + k] = -inertial[accelerated, legs[k], c]
+                for i in range(len(joints)):
+                    if legs[i] == legs[k]:
+                        j = joints[i]
+                        probes[b, c, 6 + k] += E[accelerated, j, c] * left[accelerated, j]
+                        change += E[moved, j, c] * left[moved, j] - E[still, j, c] * left[still, j]
+                middle[b, c, k] = change / step

@@ -46,7 +46,7 @@ from stadera.trunk.ground import turned
 from stadera.trunk.lifted import Lifted
 from stadera.trunk.limbs import LIMB_SUMS, LimbRows, by_mass_and_centre
 from stadera.trunk.noise import Variances, WhiteNoise
-from stadera.trunk.row_kernel import window_sums
+from stadera.trunk.row_kernel import differences, window_sums
 from stadera.trunk.samples import Samples
 from stadera.trunk.settings import SwingDetection
 from stadera.trunk.window import Window, window_of
@@ -304,8 +304,8 @@ class RowMaker:
         plain = np.hstack([signals, target, jerk, acceleration, velocity, sure, one, rate, left])
         counts, end, begin = np.diff(window.edges), samples.time[window.edges[1:]], samples.time[window.edges[:-1] + 1]
         step = np.where(counts > 1, (end - begin) / np.maximum(counts - 1, 1), 0.02)
-        out["plain"] = window.sums(window.halves, plain)
-        out["alternating"] = window.sums(window.alternating, plain[:, :18])
+        summed = window.sums(window.both, plain)
+        out["plain"], out["alternating"] = summed[:, :2], summed[:, 2:, :18]
         out["probes"], out["middle"] = self._slopes(window, motion, tau, sound)
         out["omega"] = window.sums(window.mean, motion.angular_velocity)[:, 0]
         out["air"] = self.lifted.legs(state, motion, force, sure, step, window.edges)
@@ -343,17 +343,14 @@ class RowMaker:
         if not sound.all():
             state.to_wrench[np.repeat(~sound, N)] = 0.0
         E, axis = (each.reshape(B, N, *each.shape[1:])[:, first, J] for each in (state.to_wrench, state.axis))
-        h = state.torque[:, J].reshape(B, N, len(J))
-        h[:, first:] += (body.friction(motion.velocity[k], motion.velocity[k])[:, J] - tau[k])[:, None]
-        by_leg = body.by_leg(state, h.reshape(B * N, -1)).reshape(B, N, -1, 6)
-        by_trunk = by_leg[:, :6].sum(axis=2) - state.inertial.reshape(B, N, -1, 6)[:, :6, -1]
-        middle = by_leg[:, first:]
-        by_position = (middle[:, 1 + order, legs] - middle[:, 0, legs]) / _STEP
-        by_contact = body.by_contact(E, axis, np.add.reduceat(E[..., :3] * h[:, first, :, None], body.starts, axis=1))
-        probes = np.concatenate([by_trunk, by_leg[:, 6 + order, legs]], axis=1).transpose(0, 2, 1)
-        by_contact = by_contact.transpose(0, 2, 1, 3).reshape(B, 6, -1)
+        h = state.torque.reshape(B, N, -1)
+        h[:, first:, J] += (body.friction(motion.velocity[k], motion.velocity[k])[:, J] - tau[k])[:, None]
+        probes, by_position = np.zeros((B, 6, 6 + len(J))), np.zeros((B, 6, len(J)))
+        differences(J, legs, order, state.to_wrench, h.reshape(B * N, -1), state.inertial, _STEP, probes, by_position)
+        felt = np.add.reduceat(E[..., :3] * h[:, first, J, None], body.starts, axis=1)
+        by_contact = body.by_contact(E, axis, felt).transpose(0, 2, 1, 3).reshape(B, 6, -1)
         unfelt = state.unfelt.reshape(B, N, -1, 6)[:, first, list(self._layout.unfelt)].transpose(0, 2, 1)
-        return probes, np.concatenate([by_position.transpose(0, 2, 1), by_contact, unfelt], axis=2)
+        return probes, np.concatenate([by_position, by_contact, unfelt], axis=2)
 
     @cached_property
     def _order(self) -> Ints:

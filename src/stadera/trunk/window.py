@@ -22,9 +22,10 @@ class Window(NamedTuple):
 
     Attributes:
         edges: (B + 1,), of the blocks. block: (N,), of each sample.
-        halves: (2, N), rising and falling; alternating: the same with signs, + at a block's end, - where the next one
-            begins. fit: (2, N), of a block's mean, and of the slope of a line through its samples, over the sample's
-            number `along` (N,) from the middle. mean: (1, N), the first of these.
+        halves: (2, N), rising and falling. both: (4, N), these, and the same with alternating signs, + at a block's
+            end, - where the next one begins.
+        fit: (2, N), of a block's mean, and of the slope of a line through its samples, over the sample's number `along`
+            (N,) from the middle. mean: (1, N), the first of these.
         inside: (1, N), of the mean over all samples of a block but the last, of which third differences are.
         averaged: (B,), Σ w². differences: (B,), see `half_differences`.
     """
@@ -32,7 +33,7 @@ class Window(NamedTuple):
     edges: Ints
     block: Ints
     halves: Array
-    alternating: Array
+    both: Array
     mean: Array
     fit: Array
     inside: Array
@@ -60,16 +61,19 @@ def window_of(sizes: tuple[int, ...]) -> Window:
     signs = [1.0 - 2.0 * (np.arange(n) % 2) for n in sizes]
     along = [np.arange(n) - 0.5 * (n - 1) for n in sizes]
     mean = np.concatenate([np.full(n, 1.0 / n) for n in sizes])
+    both = np.stack(
+        [
+            np.concatenate(rising),
+            np.concatenate(falling),
+            np.concatenate([w * sign[::-1] for w, sign in zip(rising, signs, strict=True)]),
+            np.concatenate([-w * sign for w, sign in zip(falling, signs, strict=True)]),
+        ]
+    )
     return Window(
         np.concatenate([[0], np.cumsum(sizes)]),
         np.repeat(np.arange(len(sizes)), sizes),
-        np.stack([np.concatenate(rising), np.concatenate(falling)]),
-        np.stack(
-            [
-                np.concatenate([w * sign[::-1] for w, sign in zip(rising, signs, strict=True)]),
-                np.concatenate([-w * sign for w, sign in zip(falling, signs, strict=True)]),
-            ]
-        ),
+        both[:2],
+        both,
         mean[None],
         np.stack([mean, np.concatenate([x / max(float(x @ x), 1.0) for x in along])]),
         np.concatenate([np.append(np.full(n - 1, 1.0 / max(n - 1, 1)), 0.0) for n in sizes])[None],
