@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from difflib import unified_diff
+from io import StringIO
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -15,6 +17,7 @@ from stadera.errors import MissingExtraError, ModelError, StaderaError
 from stadera.inertia import InertialParameters
 from stadera.robot import JointDynamics, Robot, load_robot
 from stadera.robot.export import export_model
+from stadera.robot.xml import read_xml
 
 ROBOTS = ("hyq", "go2", "anymal_c", "b1", "aliengo", "spot")
 
@@ -202,3 +205,32 @@ def test_what_is_there_stays_when_the_writing_fails(tmp_path: Path) -> None:
     huge = toy.with_inertias({"LF_thigh": InertialParameters.from_com(1e300, [0, 0, 0], 1e-300 * np.eye(3))})
     _refused(huge, tmp_path / "out.xml")
     assert (tmp_path / "out.xml").read_text() == "precious"
+
+
+def test_lines_that_do_not_change_stay_as_they_are(tmp_path: Path) -> None:
+    for name, suffix in (("go2", "urdf"), ("hyq", "urdf")):
+        robot = load_robot(name)
+        link, joint = robot.tree.links[2], robot.tree.joints[4]
+        body = robot.inertias[link]
+        heavier = InertialParameters.from_com(1.1 * body.mass, body.com, body.inertia_com)
+        export_model(robot.with_inertias({link: heavier}).with_dynamics({joint: JointDynamics(viscous=0.3)}),
+                     tmp_path / f"{name}.{suffix}")  # fmt: skip
+        assert robot.source is not None
+        before, after = (p.read_text().splitlines() for p in (robot.source, tmp_path / f"{name}.{suffix}"))
+        changed = [line for line in unified_diff(before, after, n=0) if line.startswith("-") and line[1:].strip()]
+        assert len(changed) <= 14, changed  # the declaration, two inertials (of link and rotor), a joint's dynamics
+
+
+def test_a_tag_over_several_lines_stays(tmp_path: Path) -> None:
+    source = tmp_path / "odd.xml"
+    source.write_text(
+        "<robot name='a'>\n  <link   name = \"b\"\n         kind='x>y' />\n  <!-- c & d --><e>&lt;f&#65;</e>\n</robot>"
+    )
+    document = read_xml(source)
+    document.root[0].append(ElementTree.Element("g"))
+    out = StringIO()
+    document.write(out)
+    assert "<link   name = \"b\"\n         kind='x>y'><g/></link>" in out.getvalue()
+    assert "<!-- c & d --><e>&lt;fA</e>" in out.getvalue()
+    (tmp_path / "again.xml").write_text(out.getvalue())
+    assert read_xml(tmp_path / "again.xml").root[0].attrib == {"name": "b", "kind": "x>y"}

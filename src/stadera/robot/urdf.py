@@ -13,7 +13,18 @@ from stadera.inertia import InertialParameters
 from stadera.limits import Limits
 from stadera.robot.model import JointDynamics, JointLimits, Shape
 from stadera.robot.modelfile import FileJoint, FileLink, ModelFile
-from stadera.robot.xml import Document, PayloadLink, check_free, description, element, named, numbers, put_child
+from stadera.robot.xml import (
+    Document,
+    PayloadLink,
+    append,
+    check_free,
+    description,
+    element,
+    named,
+    numbers,
+    put_child,
+    remove,
+)
 from stadera.types import Array
 
 _DUMMY_MASS_RATIO = 1e-3  # a root this light compared with its fixed child is only the root of the tree
@@ -218,11 +229,12 @@ def write_urdf(
         for name in fixed[link]:
             body = named(root, "link", name, source)
             for inertial in body.findall("inertial"):
-                body.remove(inertial)
+                remove(body, inertial)
     for joint, values in dynamics.items():
         owner = named(root, "joint", joint, source)
         target = owner.find("dynamics")
-        target = ET.SubElement(owner, "dynamics") if target is None else target
+        if target is None:
+            append(owner, target := ET.Element("dynamics"))
         target.attrib |= {"damping": numbers(values.viscous), "friction": numbers(values.coulomb)}
     document.remark(description(inertias, dynamics, ("armature", "offset")))
 

@@ -4,15 +4,17 @@ A xacro is read after expansion by the package xacro (the extra of that name). E
 are not read.
 """
 
+import re
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import redirect_stderr
+from contextlib import redirect_stderr, suppress
 from dataclasses import dataclass
 from io import StringIO
 from pathlib import Path
 from typing import IO
 from xml.dom.minidom import Element
 from xml.parsers import expat
+from xml.sax.saxutils import escape, quoteattr
 
 import numpy as np
 
@@ -25,19 +27,65 @@ from stadera.types import Array
 
 @dataclass(frozen=True, eq=False)
 class Document:
-    """A root element with all comments in it, and the comments before it."""
+    """A root element with all comments in it, the comments before it, and the elements in the file's order, with the
+    file; None for an expanded xacro.
+    """
 
     root: ET.Element
     remarks: list[str]
+    elements: list[ET.Element]
+    path: Path | None
 
     def remark(self, text: str) -> None:
         """Adds a comment before the root."""
         self.remarks.append(plain(f"\n  {text}\n"))
 
     def write(self, stream: IO[str]) -> None:
-        """Writes it to a stream in UTF-8."""
+        """Writes it to a stream in UTF-8; tags whose attributes are the file's stay as they are there."""
         comments = "".join(f"<!--{text}-->\n" for text in self.remarks)
-        stream.write(f'<?xml version="1.0" encoding="utf-8"?>\n{comments}{ET.tostring(self.root, "unicode")}\n')
+        kept = {} if self.path is None else _kept(self.elements, self.path.read_bytes())
+        stream.write(f'<?xml version="1.0" encoding="utf-8"?>\n{comments}')
+        stream.writelines(_written(self.root, kept))
+        stream.write("\n")
+
+
+def _kept(elements: list[ET.Element], text: bytes) -> dict[ET.Element, str]:
+    """The start tag of each element whose attributes are as in the file, as it is there."""
+    found: list[tuple[int, dict[str, str]]] = []
+    parser = expat.ParserCreate()
+    parser.StartElementHandler = lambda _, attributes: found.append((parser.CurrentByteIndex, attributes))
+    parser.Parse(text, True)
+    kept = {}
+    for element, (begin, attributes) in zip(elements, found, strict=True):
+        if element.attrib == attributes and (tag := _TAG.match(text, begin)):
+            with suppress(UnicodeDecodeError):  # of a file in another encoding
+                kept[element] = tag.group().decode()
+    return kept
+
+
+_TAG = re.compile(rb"""<(?:[^<>"']|"[^"]*"|'[^']*')*>""")
+
+
+def _written(element: ET.Element, kept: Mapping[ET.Element, str]) -> Iterator[str]:
+    """An element's text, without what follows it."""
+    if callable(element.tag):  # a comment
+        yield f"<!--{element.text}-->"
+        return
+    start = kept.get(element, "")
+    if not start:
+        attributes = "".join(f" {name}={quoteattr(value)}" for name, value in element.attrib.items())
+        start = f"<{element.tag}{attributes}/>"
+    if start.endswith("/>"):
+        if not len(element) and not element.text:
+            yield start
+            return
+        start = f"{start[:-2].rstrip()}>"
+    yield start
+    yield escape(element.text or "")
+    for child in element:
+        yield from _written(child, kept)
+        yield escape(child.tail or "")
+    yield f"</{element.tag}>"
 
 
 class _Builder(ET.TreeBuilder):
@@ -46,13 +94,14 @@ class _Builder(ET.TreeBuilder):
     def __init__(self, path: Path, limits: Limits) -> None:
         super().__init__(insert_comments=True)
         self._path, self._limits, self.remarks = path, limits, list[str]()
-        self._elements = self._depth = 0
+        self.elements, self._depth = list[ET.Element](), 0
 
     def start(self, tag: str, attrs: dict[str, str]) -> ET.Element:  # type: ignore[override]
-        self._elements, self._depth = self._elements + 1, self._depth + 1
-        self._limits.require("elements", self._elements, self._path, "elements")
+        self._depth += 1
+        self._limits.require("elements", len(self.elements) + 1, self._path, "elements")
         self._limits.require("depth", self._depth, self._path, "elements in each other")
-        return super().start(tag, attrs)
+        self.elements.append(super().start(tag, attrs))
+        return self.elements[-1]
 
     def end(self, tag: str) -> ET.Element:
         self._depth -= 1
@@ -62,7 +111,7 @@ class _Builder(ET.TreeBuilder):
         """Keeps a comment, also one before the root."""
         if self._depth:
             self.comment(text)
-        elif not self._elements:
+        elif not self.elements:
             self.remarks.append(text)
 
     def doctype(self, *_: object) -> None:
@@ -84,7 +133,7 @@ def read_xml(path: Path, limits: Limits = DEFAULTS) -> Document:
     for piece in [expanded(path)] if is_xacro(path) else _pieces(path):
         parser.Parse(piece)
     parser.Parse(b"", True)
-    return Document(builder.close(), builder.remarks)
+    return Document(builder.close(), builder.remarks, builder.elements, None if is_xacro(path) else path)
 
 
 def _pieces(path: Path) -> Iterator[bytes]:
@@ -146,10 +195,32 @@ def put_child(parent: ET.Element, child: ET.Element) -> None:
     """Replaces the first child of the same tag, or inserts the child first; further children of its tag are removed."""
     present = parent.findall(child.tag)
     child.tail = present[0].tail if present else None
+    if present and len(child) and len(present[0]):  # on lines as those that are replaced
+        child.text = present[0].text
+        for one in child:
+            one.tail = child.text
+        child[-1].tail = present[0][-1].tail
     at = list(parent).index(present[0]) if present else 0
     for one in present:
         parent.remove(one)
     parent.insert(at, child)
+
+
+def remove(parent: ET.Element, child: ET.Element) -> None:
+    """Takes a child out with its line."""
+    at = list(parent).index(child)
+    if at == len(parent) - 1 and at:
+        parent[at - 1].tail = child.tail
+    elif at == len(parent) - 1:
+        parent.text = child.tail
+    parent.remove(child)
+
+
+def append(parent: ET.Element, child: ET.Element) -> None:
+    """Adds a last child, on a line of its own where the others are."""
+    if len(parent):
+        child.tail, parent[-1].tail = parent[-1].tail, parent.text
+    parent.append(child)
 
 
 def element(tag: str, attributes: Mapping[str, str], *inside: ET.Element) -> ET.Element:
