@@ -144,10 +144,10 @@ def test_answer_and_trust_are_on_the_first_screen(measured, name: str) -> None:
 
 
 @needs_browser
-@pytest.mark.parametrize("name", ["weigh", "rest"])
+@pytest.mark.parametrize("name", ["identify", "weigh", "rest"])
 @pytest.mark.parametrize("width", [DESK, PHONE])
-def test_a_weighing_s_first_screen_answers(measured, name: str, width: int) -> None:
-    """How heavy, where, how sure, may I use it, what next."""
+def test_the_first_screen_answers(measured, name: str, width: int) -> None:
+    """How heavy, where, how sure, may I use it, what next; of an identification how well torques are predicted."""
     seen = measured[f"{name}-{width}"]
     assert 0 < seen["answer"] < seen["badge"] < seen["next"] < SCREEN
 
