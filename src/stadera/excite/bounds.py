@@ -18,8 +18,6 @@ from stadera.robot.model import JointLimits, Robot
 from stadera.robot.stance import standing_configuration
 from stadera.types import Array
 
-_WHOLE_TURN = 2.0 * np.pi
-
 
 @dataclass(frozen=True)
 class Margins:
@@ -90,12 +88,6 @@ class LegBounds:
     def joints(self) -> tuple[str, ...]:
         """Names of the leg's joints."""
         return self.robot.leg(self.leg).joints
-
-    @property
-    def ranges(self) -> Array:
-        """Ranges of the joint limits, at most one turn, (n,) [rad]."""
-        limits = [self.robot.limits[joint] for joint in self.joints]
-        return np.array([min(limit.upper - limit.lower, _WHOLE_TURN) for limit in limits])
 
     @cached_property
     def _model(self) -> tuple[JointTorqueRegressor, dict[str, float]]:

@@ -63,7 +63,9 @@ def paper_draw(
     fade = min(settings.fade, duration / (2 * count + 1))
     joints = len(bounds.joints)
     shape, shares = (count, joints, 1), _AMPLITUDE_SHARES[np.minimum(np.arange(joints), 2)]
-    largest = np.minimum(shares * bounds.ranges, settings.amplitude * (bounds.upper - bounds.lower))
+    limits = [bounds.robot.limits[joint] for joint in bounds.joints]
+    ranges = np.array([min(limit.upper - limit.lower, 2.0 * np.pi) for limit in limits])
+    largest = np.minimum(shares * ranges, settings.amplitude * (bounds.upper - bounds.lower))
     frequencies = rng.uniform(*FREQUENCIES, shape)
     phases = rng.uniform(0.0, np.pi, shape)
     amplitudes = rng.uniform(0.0, 1.0, shape) * largest[:, None]
