@@ -35,6 +35,18 @@ def test_a_torque_is_only_noise_when_it_lasts(seconds: float, accused: bool) -> 
     assert bool(found) == accused
 
 
+@pytest.mark.parametrize(("joint", "accused"), [("left_ankle_roll_joint", False), ("left_knee_joint", True)])
+def test_a_joint_that_holds_nothing_may_be_only_noise(joint: str, accused: bool) -> None:
+    """On a flat foot the ankle's roll may idle for a whole log; a knee holds the robot."""
+    robot = load_robot("g1")
+    log = simulate(robot, "shake", SimulateSettings("standard", duration=4.0, seed=1)).recording
+    assert log.effort is not None
+    effort = log.effort.copy()
+    effort[:, log.index(joint)] = np.random.default_rng(0).normal(0.0, 0.3, len(log))
+    found = [f for f in window_faults(replace(log, effort=effort), robot) if f.evidence == "is only noise"]
+    assert [f.what for f in found] == (["the torque of 'left_knee_joint'"] if accused else [])
+
+
 def test_blocks_at_a_mechanical_stop_are_left_out() -> None:
     robot = load_robot("go2")
     log = simulate(robot, "shake", SimulateSettings("standard", duration=3.0, seed=2, hold=2)).recording

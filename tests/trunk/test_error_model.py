@@ -15,7 +15,7 @@ from stadera.inertia import InertialParameters
 from stadera.robot import JointDynamics, Robot, load_robot
 from stadera.robot.imu import ImuMount
 from stadera.robot.kinematics import forward_kinematics
-from stadera.trunk.error_model import ErrorModel
+from stadera.trunk.error_model import ErrorModel, limb_limits
 from stadera.trunk.noise import mean_third_differences_squared
 from stadera.trunk.rows import BlockRows, RowMaker
 from stadera.trunk.samples import Samples
@@ -327,6 +327,16 @@ def test_identified_joints_are_as_uncertain_as_identified_and_may_drift() -> Non
         model.with_dynamics(dict.fromkeys(leg.joints, values), dict.fromkeys(leg.joints, wide)), sizes, 0.7
     )
     np.testing.assert_array_equal(same.variance[: PLACES["gain"].start], usual.variance[: PLACES["gain"].start])
+
+
+def test_gears_of_arms_have_more_friction() -> None:
+    sizes, robot = ModelErrors(), load_robot("b1_z1")
+    model = ErrorModel(robot, sizes, robot.leg_length)
+    std = {name: np.sqrt(model.variance[place]) for name, place in model.layout.places.items()}
+    for name in ("viscous", "coulomb"):
+        np.testing.assert_allclose(std[name], getattr(sizes, name) * model.limit)
+        np.testing.assert_allclose(std[f"limb_{name}"], sizes.limbs * getattr(sizes, name) * limb_limits(robot))
+    np.testing.assert_allclose(std["limb_stiction"], sizes.limbs * sizes.coulomb * limb_limits(robot))
 
 
 def test_other_dynamics_have_no_old_standard_deviations() -> None:

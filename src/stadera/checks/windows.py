@@ -17,11 +17,13 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
+from stadera.body import Body, Motion
 from stadera.checks.limits import WindowLimits
 from stadera.constants import GRAVITY, MEDIAN_OF_CHI2
 from stadera.logs.recording import Recording
 from stadera.logs.sampling import GAP_FACTOR
 from stadera.robot.model import Robot
+from stadera.robot.shapes import FLAT
 from stadera.trust import Verdict
 from stadera.types import Array, Bools
 
@@ -93,8 +95,10 @@ def window_faults(recording: Recording, robot: Robot, limits: WindowLimits | Non
         found.sort(key=lambda fault: fault.channel != "position")
     if recording.effort is not None:
         effort = recording.channel("effort", joints)
-        for check in (_beyond, _clipped, _noise):
+        for check in (_beyond, _clipped):
             found += check(effort, robot, windows, limits)
+        tested = np.abs(_holding(recording, robot)) > _white(effort, limits)
+        found += _noise(effort, robot, windows, limits, tested)
     return tuple(found)
 
 
@@ -220,9 +224,30 @@ def _clipped(effort: Array, robot: Robot, windows: Windows, limits: WindowLimits
                 break
 
 
-def _noise(effort: Array, robot: Robot, windows: Windows, limits: WindowLimits) -> Iterator[WindowFault]:
+def _holding(recording: Recording, robot: Robot) -> Array:
+    """Torques (n,) [N·m] of joints in legs on flat feet while the robot stands upright in its mean posture, each foot
+    with as much of its weight in the middle; infinite in other legs, whose joints all carry a point foot's force. A
+    joint that holds next to nothing then, such as an ankle's roll, may be idle for a whole log.
+    """
+    out, joints = np.full(len(robot.tree.joints), np.inf), robot.tree.joints
+    flat = [k for k, leg in enumerate(robot.legs) if leg.contact == FLAT]
+    if not flat:
+        return out
+    up, still, body = np.array([0.0, 0.0, 1.0]), np.zeros((1, 3)), Body.of(robot, others=False)
+    position = recording.channel("position", joints).mean(axis=0, keepdims=True)
+    none = np.zeros_like(position)
+    state = body.at(Motion(position, none, none, still, still, GRAVITY * up[None], up))
+    for k in flat:
+        J = list(body.legs[k])
+        arm = np.cross(state.axis[0, J], state.feet[0, k] - state.origin[0, J])
+        out[J] = state.torque[0, J] - GRAVITY * robot.mass / len(robot.legs) * arm[:, 2]
+    return out
+
+
+def _noise(effort: Array, robot: Robot, windows: Windows, limits: WindowLimits, tested: Bools) -> Iterator[WindowFault]:
     """Detects noise by the correlation ρ = 1 - Σ (τ_k+1 - τ_k)² / 2 Σ (τ_k - τ̄)² of successive means over `averaged`,
-    about a mean of zero: a joint that rests holds something, and one that carries little does so for longer.
+    about a mean of zero: a joint that rests holds something, and one that carries little does so for longer. `tested`
+    (n,): joints that are not idle.
     """
     edges = np.linspace(0, len(effort), min(len(effort), round(windows.span / limits.averaged)) + 1).astype(np.int64)
     of_mean = windows.of_sample[edges[:-1]]
@@ -236,8 +261,8 @@ def _noise(effort: Array, robot: Robot, windows: Windows, limits: WindowLimits) 
         steps = windows.sums(np.diff(own, axis=0)[same] ** 2, of_mean[1:][same])
         correlation[:, k : k + limits.at_once] = 1.0 - 0.5 * steps / np.maximum(away, 1e-300)
         holds[:, k : k + limits.at_once] = count * np.abs(mean) / np.sqrt(np.maximum(away, 1e-300))
-    for j, joint in enumerate(robot.tree.joints):
-        others = np.median(np.delete(correlation, j, axis=1), axis=1)
+    for j in np.flatnonzero(tested):
+        joint, others = robot.tree.joints[j], np.median(np.delete(correlation, j, axis=1), axis=1)
         chosen = (correlation[:, j] < limits.white) & (others > limits.coloured) & (count[:, 0] > limits.fewest)
         chosen &= holds[:, j] < limits.holds
         if np.count_nonzero(chosen) > min(1, len(windows) - 1):  # a joint may be idle for a moment

@@ -186,7 +186,9 @@ class ErrorModel:
         std[places["limb_rotor"]] = sizes.rotor * leg_mass * length**2 * limb / self.limit.mean()  # as large as strong
         for name in ("viscous", "coulomb", "offset"):
             std[places[f"limb_{name}"]] = getattr(sizes, name) * limb
-        std[places["limb_stiction"]] = sizes.held * sizes.coulomb * limb
+        for name in ("viscous", "coulomb"):
+            std[places[f"limb_{name}"]] *= sizes.limbs
+        std[places["limb_stiction"]] = sizes.held * std[places["limb_coulomb"]]
         std[places["limb_gain"]], std[places["limb_mass"]] = sizes.gain, sizes.link_mass
         std[places["limb_com"]] = sizes.link_com
         alike = {"rotor": sizes.alike, "viscous": sizes.alike, "coulomb": sizes.alike, "stiction": sizes.sagging}

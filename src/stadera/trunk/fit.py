@@ -22,6 +22,7 @@ from functools import cached_property
 import numpy as np
 
 from stadera.robot.model import Robot
+from stadera.robot.shapes import FLAT
 from stadera.trunk.error_model import ErrorLayout, ErrorModel
 from stadera.trunk.front import Front
 from stadera.trunk.history import History
@@ -170,6 +171,11 @@ class ModelFit:
         self.swing = SwingJoints(self.model, settings.swing)
         self.errors = Errors(self.model, self.swing)
         self.sizes = Sizes(self.model.layout, settings.size_spread)
+        self._usual: Array | None = None  # factors on the sizes with which the fit is evaluated
+        if any(leg.contact == FLAT for leg in robot.legs):
+            self._usual = np.ones(self.model.layout.count)
+            for name in ("viscous", "coulomb", "stiction"):
+                self._usual[self.model.layout.places[name]] = settings.gears
         self.fit: Fit | None = None
         self.swing_misfit: float | None = None
         self.due, self._trust = 0, None  # type: int, Trust | None
@@ -185,7 +191,7 @@ class ModelFit:
             return False
         self.due = history.blocks + self._settings.wait(history.blocks)
         rows, layout = history.total, self.model.layout
-        usual = Errors(self.model, self.swing, None, rows, layout.by_swing)
+        usual = Errors(self.model, self.swing, self._usual, rows, layout.by_swing)
         self.fit = Fit.of(rows, usual)
         if rows.weight:
             self.sizes.update(*usual.evidence(rows, self.model, self.swing))

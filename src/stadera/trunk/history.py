@@ -129,7 +129,7 @@ class History:
         self.before: Segment | None = None
         self._divided = False  # a load began since the tare
         sizes = settings.model
-        self._of_limbs = float(np.hypot(sizes.coulomb, sizes.offset)) * limb_limits(robot)
+        self._of_limbs = float(np.hypot(sizes.limbs * sizes.coulomb, sizes.offset)) * limb_limits(robot)
         self._wide = mass * np.array([1.0, *[0.5 * le] * 3, *[0.5 * le**2] * 6])
         self._unit = unit_of_rows(robot_weight(robot), le)
         self.blocks = 0

@@ -66,6 +66,9 @@ class ModelErrors:
             loaded comes to rest with friction at its bound.
         sagging: correlation of static friction between joints of one kind [1]: in a robot that sags under a load,
             friction holds all knees alike.
+        limbs: factor on the friction of joints in arms and other limbs [1]. Static friction of a G1's arms is 2.4 % of
+            the limits, of its wrists 12 % (its maker's drives for simulators, Unitree RL Lab), of an arm's seven joints
+            6.6 % root mean square.
     """
 
     rotor: float = 0.1
@@ -92,6 +95,7 @@ class ModelErrors:
     load_friction: float = 0.06
     held: float = 1.0
     sagging: float = 0.9
+    limbs: float = 3.0
 
     def __post_init__(self) -> None:
         for size in fields(self):
@@ -261,6 +265,10 @@ class TrunkSettings:
         size_spread: standard deviation of the logarithm of the size of each kind of model errors before any data [1],
             see `stadera.trunk.sizes`. The sizes in `ModelErrors` come from few robots; they are taken to be right for
             others within a factor of three (95 %).
+        gears: factor on the usual friction of legs on flat feet, with which their fit is evaluated [1]. A model does
+            not say whether their gears are planetary, as a G1's, whose static friction is 1.7 to 2.4 % of the limits
+            (its maker's drives for simulators, Unitree RL Lab), or harmonic, as Talos' and iCub's, which lose 2.5 times
+            what two planetary stages do.
         impact: half the difference between the forces of odd and of even samples above which a block is left out, share
             of the weight [1]: as much as a foot carries on four. The log's rate does not resolve the accelerations of
             such a block, and noise of that size in the equations' matrix makes the trunk lighter, which no error bar
@@ -290,6 +298,7 @@ class TrunkSettings:
     after_change: float = 0.3
     settled: float = 0.5
     size_spread: float = 0.55
+    gears: float = 2.5
     impact: float = 0.25
     stop: float = 0.015
     updated: int = 10
@@ -318,6 +327,7 @@ class TrunkSettings:
             "bridged",
             "lost_ground",
             "size_spread",
+            "gears",
             "explained",
             "compared",
             "stop",
