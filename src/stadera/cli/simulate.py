@@ -155,5 +155,8 @@ def _print(run: Run, out: Path) -> None:
         f"truth, at the end: trunk with payload {number(last.mass)} kg, centre of mass ({com}) m; "
         f"in {truth_paths(out)[0]}",
     )
+    if run.truth.fell is not None:
+        time, how = run.truth.fell
+        show(f"the robot fell: {how}, at {time:.2f} s")
     if run.truth.stiffness:
         show(f"for --method orientation: --stiffness {','.join(f'{k:.6g}' for k in run.truth.stiffness)}")

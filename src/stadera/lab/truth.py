@@ -77,10 +77,12 @@ class Truth:
     moments: tuple[TruthAt, ...]  # the trunk at the start and after each change
     # all random model and sensor errors, as `Drawn.to_dict`; None for other kinds of errors
     drawn: Mapping[str, Any] | None = None
+    fell: tuple[float, str] | None = None  # time [s] and description of a fall; None if there was none
 
     def since(self, first: float) -> Truth:
         """The same with times counted from `first` [s]."""
-        return replace(self, moments=tuple(replace(m, time=m.time - first) for m in self.moments))
+        fell = self.fell and (self.fell[0] - first, self.fell[1])
+        return replace(self, moments=tuple(replace(m, time=m.time - first) for m in self.moments), fell=fell)
 
     def at(self, time: float) -> TruthAt:
         """The truth at a time [s]."""
@@ -100,6 +102,7 @@ def truth_json(truth: Truth) -> dict[str, Any]:
         "controller": {"angular_stiffness": list(truth.stiffness)},
         "trunk": [moment.to_dict() for moment in truth.moments],
         **({} if truth.drawn is None else {"drawn": truth.drawn}),
+        **({} if truth.fell is None else {"fell": {"time": truth.fell[0], "how": truth.fell[1]}}),
     }
 
 
@@ -118,6 +121,7 @@ def read_truth(path: str | PathLike[str]) -> Truth:
             stiffness=_floats(value["controller"]["angular_stiffness"]),
             moments=tuple(map(TruthAt.from_dict, value["trunk"])),
             drawn=value.get("drawn"),
+            fell=(float(value["fell"]["time"]), str(value["fell"]["how"])) if "fell" in value else None,
         )
 
 

@@ -16,6 +16,7 @@ from stadera.lab.plant.whole import as_loaded, whole_robot
 from stadera.lab.scenarios.run import Run, simulate
 from stadera.lab.scenarios.settings import Load, SimulateSettings
 from stadera.lab.sensors import truth_of
+from stadera.lab.truth import truth_json
 from stadera.logs import Recording
 from stadera.robot import Robot, load_robot
 from stadera.robot.sole import sole
@@ -86,6 +87,7 @@ def test_what_is_logged_obeys_newton_and_euler(name: str, scenario: str, monkeyp
 def test_a_humanoid_squats_on_both_feet(name: str) -> None:
     robot = of_name(name)
     run = simulate(robot, "squat", SimulateSettings("real", duration=3.0, seed=1))
+    assert run.truth.fell is None
     knees = [run.recording.index(leg.joints[3]) for leg in robot.legs]
     assert np.ptp(run.true_motion.position[:, knees], axis=0).min() > 0.3
     weight = sum(run.true_motion.foot_force[leg.foot][:, 2].mean() for leg in robot.legs)
@@ -99,6 +101,17 @@ def test_a_humanoid_squats_on_both_feet(name: str) -> None:
     assert min(share) >= 0.03
     assert max(share) <= 0.08
     assert min(run.truth.drawn["compliance"].values()) > 0.0
+
+
+def test_a_robot_of_any_legs_that_falls_is_said_to() -> None:
+    robot = of_name("g1")
+    load = Load(0.4 * robot.mass, at=(0.2, 0.0, 0.0))
+    run = simulate(robot, "stand", SimulateSettings("ideal", load, duration=1.6, load_time=0.3))
+    assert run.truth.fell is not None
+    time, how = run.truth.fell
+    assert how == "the trunk tilted by more than 45°"
+    assert 0.3 < time < run.recording.time[-1] < time + 0.2  # the log ends with the fall
+    assert truth_json(run.truth)["fell"] == {"time": time, "how": how}
 
 
 def test_soles_are_the_spheres_or_the_mesh_of_the_foot() -> None:

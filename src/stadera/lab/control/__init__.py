@@ -1,7 +1,7 @@
 """Controllers with which the test-bed's robots stand and walk."""
 
 from stadera.lab.control.crawl import Crawl, CrawlPhase
-from stadera.lab.control.monitor import Fall, WalkMonitor, walk
+from stadera.lab.control.monitor import Fall, Falls, WalkMonitor, walk
 from stadera.lab.control.reference import Shake, TrunkPose
 from stadera.lab.control.stand import Controller, TestBed
 from stadera.lab.control.steps import CrawlCommand, CrawlSettings
@@ -17,6 +17,7 @@ __all__ = [
     "CrawlPhase",
     "CrawlSettings",
     "Fall",
+    "Falls",
     "PlanError",
     "Shake",
     "TestBed",

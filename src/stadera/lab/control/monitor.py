@@ -1,4 +1,4 @@
-"""Evaluates a walk from ground truth: falls, height of the trunk, and margin of the centre of mass."""
+"""Evaluates a run from ground truth: falls of any robot, height of the trunk, and margin of the centre of mass."""
 
 from __future__ import annotations
 
@@ -36,16 +36,45 @@ class Fall:
     how: str
 
 
-class WalkMonitor:
+class Falls:
+    """Tells from the truth of a plant on its feet when the robot has fallen; `fall` is None while it has not."""
+
+    def __init__(self, plant: Plant, limits: FallLimits | None = None) -> None:
+        self.plant, self.limits = plant, limits or FallLimits()
+        self.fall: Fall | None = None
+        self._height = self.height()
+
+    def look(self) -> None:
+        """Evaluates the plant."""
+        if self.fall is None and (how := self._fallen(self.height(), self.tilt())):
+            self.fall = Fall(self.plant.time, how)
+
+    def height(self) -> float:
+        """Height of the trunk's origin above the ground [m]."""
+        return float(self.plant.terrain.clearance(self.plant.state.position))
+
+    def tilt(self) -> float:
+        """Tilt of the trunk from the ground's normal [rad]."""
+        return float(np.arccos(np.clip(self.plant.state.rotation[:, 2] @ self.plant.terrain.normal, -1.0, 1.0)))
+
+    def _fallen(self, height: float, tilt: float) -> str:
+        touching, limits = self.plant.on_ground, self.limits
+        if touching and not (touching.endswith("knee") and tilt <= limits.kneeling):
+            return f"the {touching} touched the ground"
+        if height < limits.lowest * self._height:
+            return "the trunk is on the ground"
+        return f"the trunk tilted by more than {np.rad2deg(limits.tilt):.0f}°" if tilt > limits.tilt else ""
+
+
+class WalkMonitor(Falls):
     """Evaluates a walk from the truth of a plant on its feet; `fall` is None while it has not fallen."""
 
     def __init__(self, plant: Plant, every: int = 10, limits: FallLimits | None = None) -> None:
-        self.plant, self.every, self.limits = plant, every, limits or FallLimits()
-        self.fall: Fall | None = None
+        super().__init__(plant, limits)
+        self.every = every
         self._legs = LegDynamics(plant.robot)
         self._rows: list[tuple[float, float, float, Array, float, Bools]] = []
         self._effort = np.array([plant.robot.limits[joint].effort for joint in plant.robot.tree.joints])
-        self._height = self._clearance()
         self._periods = 0
 
     @property
@@ -84,23 +113,8 @@ class WalkMonitor:
         if self._periods % self.every:
             return
         state = self.plant.state
-        tilt = float(np.arccos(np.clip(state.rotation[:, 2] @ self.plant.terrain.normal, -1.0, 1.0)))
-        height = self._clearance()
-        self._rows.append((state.time, self.margin(), tilt, state.position, height, self.at_limit()))
-        if how := self._fallen(height, tilt):
-            self.fall = self.fall or Fall(state.time, how)
-
-    def _fallen(self, height: float, tilt: float) -> str:
-        touching, limits = self.plant.on_ground, self.limits
-        if touching and not (touching.endswith("knee") and tilt <= limits.kneeling):
-            return f"the {touching} touched the ground"
-        if height < limits.lowest * self._height:
-            return "the trunk is on the ground"
-        return f"the trunk tilted by more than {np.rad2deg(limits.tilt):.0f}°" if tilt > limits.tilt else ""
-
-    def _clearance(self) -> float:
-        """Height of the trunk's origin above the ground [m]."""
-        return float(self.plant.terrain.clearance(self.plant.state.position))
+        self._rows.append((state.time, self.margin(), self.tilt(), state.position, self.height(), self.at_limit()))
+        super().look()
 
     def at_limit(self) -> Bools:
         """Joints at their torque limit now, (n,) bool."""

@@ -78,6 +78,8 @@ def weighed(case: CarryCase, logs: Path | None = None) -> dict[str, Any]:
         log, truth = stored(path, lambda: simulate(robot, case.scenario, settings))
     except StaderaError as error:
         return {"fell": str(error)}
+    if truth.fell is not None:
+        return {"fell": truth.fell[1]}
     now = truth.moments[-1]
     known = {
         "robot_mass": robot.mass,

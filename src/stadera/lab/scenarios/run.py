@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from stadera.inertia import InertialParameters
-from stadera.lab.control import TestBed
+from stadera.lab.control import Falls, TestBed
 from stadera.lab.control.arms import Arms
 from stadera.lab.plant import (
     Plant,
@@ -35,6 +35,9 @@ from stadera.types import Progress
 
 PERIOD = 1e-3
 """[s], of simulation and control."""
+
+_LOOKED = 10  # periods after which a robot that fell is noticed
+_AFTER = 0.1  # time of the log after a fall [s]
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +92,8 @@ def simulate(
     script = scenario.script(robot, made.settings, duration)
     # of the trunk that is weighed, which contains the arms at their reference
     arm = as_loaded(made.real, robot).inertias[robot.trunk] - made.real.inertias[robot.trunk]
-    moments = _played(bed, sorted(script, key=lambda event: event.time), duration, arm, progress)
+    falls = Falls(plant)
+    moments = _played(bed, sorted(script, key=lambda event: event.time), duration, arm, falls, progress)
     truth = Truth(
         robot=robot.name,
         scenario=name,
@@ -99,6 +103,7 @@ def simulate(
         stiffness=tuple(float(k) for k in bed.trunk_controller.gains.angular_stiffness),
         moments=moments,
         drawn=made.draw.to_dict() if made.draw else None,
+        fell=None if falls.fall is None else (falls.fall.time, falls.fall.how),
     )
     log, states = _logged(sensors, whole, made, settings, f"simulated {robot.name}, {name}")
     return Run(log, truth, truth_of(states, whole), as_loaded(made.model, robot))
@@ -172,9 +177,16 @@ def _drawn(robot: Robot, scenario: Scenario, settings: SimulateSettings) -> _Mad
 
 
 def _played(
-    bed: TestBed, events: list[ScriptEvent], duration: float, arm: InertialParameters, progress: Progress | None
+    bed: TestBed,
+    events: list[ScriptEvent],
+    duration: float,
+    arm: InertialParameters,
+    falls: Falls,
+    progress: Progress | None,
 ) -> tuple[TruthAt, ...]:
-    """Runs the events; returns the trunk's truth at the start and at each change."""
+    """Runs the events, to the end or until shortly after a fall; returns the trunk's truth at the start and at each
+    change.
+    """
     bare = bed.plant.truth() + arm
     moments = [TruthAt.of(0.0, bare, bare)]
     total, waiting = round(duration / PERIOD), list(events)
@@ -186,6 +198,10 @@ def _played(
                 moments = [m for m in moments if m.time < bed.plant.time]
                 moments.append(_now(bed.plant, arm, bare))
         bed.step()
+        if k % _LOOKED == 0:
+            falls.look()
+        if falls.fall is not None and bed.plant.time > falls.fall.time + _AFTER:
+            break  # of a robot that lies on the ground, while its controller still wants to stand, nothing is of use
         if progress and k % 250 == 0:
             progress("simulating", k, total)
     return tuple(moments)
