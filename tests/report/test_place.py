@@ -13,6 +13,7 @@ from stadera.report.weigh.place import place_figure
 from stadera.report.weigh.words import how_sure, may_be_used, where
 from stadera.robot import load_robot
 from stadera.robot.kinematics import foot_positions
+from stadera.trunk.result import TrunkParameters
 from stadera.weigh.result import Stance, Weighing, level_axes
 
 SIDE, ABOVE = np.eye(3)[[0, 2]], np.eye(3)[:2]
@@ -109,6 +110,16 @@ def test_without_a_pose_there_is_no_drawing(weighed: Weighing) -> None:
     assert place_figure(replace(weighed, stance=None)) is None
     assert "balance" not in replace(weighed, stance=None).to_figures()
     assert replace(weighed, stance=None).to_html()
+
+
+def test_at_rest_without_a_centre_of_mass_the_balance_is_drawn(rested: Weighing) -> None:
+    unknown = TrunkParameters.unobserved(rested.robot.inertias[rested.robot.trunk])
+    balance = replace(rested.balance, robot_com=np.full(2, np.nan))
+    figure = place_figure(replace(rested, trunk=unknown, balance=balance))
+    assert len(figure.panels) == 3
+    lone = replace(balance, stance=np.array([True, False, False, False]))
+    assert place_figure(replace(rested, balance=lone)) is not None
+    assert place_figure(replace(rested, balance=replace(balance, stance=np.zeros(4, dtype=bool)))) is None
 
 
 def test_words(weighed: Weighing, rested: Weighing) -> None:

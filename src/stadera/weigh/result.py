@@ -98,7 +98,7 @@ def level_axes(up: Array) -> Array:
     vector in trunk axes.
     """
     ahead = np.array([1.0, 0.0, 0.0]) - up[0] * up
-    ahead /= np.linalg.norm(ahead)
+    ahead /= max(float(np.linalg.norm(ahead)), 1e-9)
     return np.array([ahead, np.cross(up, ahead), up])
 
 

@@ -45,13 +45,15 @@ class _Centre:
 
 def place_figure(result: Weighing, truth: Truth | None = None) -> Figure | None:
     """The robot from the side and from above: payload, trunk's centre of mass before and after, support polygon, at
-    rest also forces and centre of pressure, and an enlargement; None if no pose was seen.
+    rest also forces and centre of pressure, and an enlargement; None if no foot was seen to carry.
     """
     stance = result.balance or result.stance
     if stance is None:
         return None
     side, top = stance.to_level[[0, 2]], stance.to_level[:2]
     centres, ground = list(_centres(result, stance, truth)), _ground(result, stance)
+    if not len(ground):
+        return None
     from_side = (*silhouette(result.robot, stance.position, side), _level(ground @ side.T))
     from_above = (_polygon(ground @ top.T), *silhouette(result.robot, stance.position, top))
     over = tuple(_at_rest(result, result.balance)) if result.balance is not None else ()
@@ -65,8 +67,7 @@ def place_figure(result: Weighing, truth: Truth | None = None) -> Figure | None:
     tall = high[1] - low[1] > high[0] - low[0]
     upper = replace(upper, x=replace(upper.x, limits=lower.x.limits))
     rows: tuple[tuple[Panel, ...], ...] = ((upper, lower),) if tall else ((upper,), (lower,))
-    if result.balance is not None:
-        near = (*over[1:], *marks)
+    if near := (*over[1:], *marks) if over else ():
         rows = (*rows, (_panel("left", *_bounds(near, 0.3), near, "from above, enlarged"),))
     return Figure("Where it is", rows, _AT_REST if result.balance is not None else _NOTE, width=560.0)
 
