@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -9,29 +10,54 @@ import typer
 
 from stadera.cli import options as opt
 from stadera.cli import parse
-from stadera.cli.options import argument, check_workers, flag, grouped, option
+from stadera.cli.options import argument, flag, grouped, option
 from stadera.cli.outputs import check_outputs, check_report, json_of, text_of, write_outputs
 from stadera.cli.terminal import progress, show
 
 if TYPE_CHECKING:
-    from stadera.fleet.jobs import LogJob
+    from stadera.fleet.jobs import FleetOptions, LogJob
     from stadera.fleet.pool import Pool
     from stadera.fleet.table import FleetTable
+
+
+@dataclass(frozen=True)
+class FleetLogs:
+    """Options for the logs and the robots that they are of."""
+
+    logs: Annotated[list[str] | None, argument("[LOG_OR_GLOB]...", "Paths, URLs, or globs of them.")] = None
+    robot: Annotated[
+        str | None, option("R", "A robot's name, or a path to a URDF or MJCF [default: from each log].")
+    ] = None
+    manifest: Annotated[
+        Path | None, option("F.csv", "One log per line: log, and optionally robot, tare, legs, name.")
+    ] = None
+    names: Annotated[
+        str | None, option("REGEX", "Names the individual robot: the first group matched in a log's path.")
+    ] = None
+    tare: opt.Tare = None
+    legs: opt.LegsFile = None
+
+    def check(self) -> None:
+        """Raises BadParameter unless there are either logs or a manifest, whose lines have the other options."""
+        if (self.manifest is None) == (not self.logs):
+            raise typer.BadParameter("name logs or a --manifest", param_hint="LOG_OR_GLOB")
+        for name in ("tare", "legs", "names"):
+            if self.manifest is not None and getattr(self, name) is not None:
+                raise typer.BadParameter("is of the manifest's lines", param_hint=f"--{name}")
+
+    def jobs(self, options: FleetOptions) -> list[LogJob]:
+        """A job for each log. Raises as `read_manifest` and `jobs_of`."""
+        from stadera.fleet.jobs import jobs_of, read_manifest
+
+        if self.manifest is not None:
+            return read_manifest(self.manifest, self.robot, options)
+        legs = None if self.legs is None else str(self.legs)
+        return jobs_of(self.logs or (), self.robot, self.tare, legs, self.names, options)
 
 
 @grouped
 def fleet(
     out: Annotated[Path, option("F.parquet", "The table; logs that it already contains are skipped.")],
-    logs: Annotated[list[str] | None, argument("[LOG_OR_GLOB]...", "Paths, URLs, or globs of them.")] = None,
-    robot: Annotated[
-        str | None, option("R", "A robot's name, or a path to a URDF or MJCF [default: from each log].")
-    ] = None,
-    manifest: Annotated[
-        Path | None, option("F.csv", "One log per line: log, and optionally robot, tare, legs, name.")
-    ] = None,
-    names: Annotated[
-        str | None, option("REGEX", "Names the individual robot: the first group matched in a log's path.")
-    ] = None,
     identify: Annotated[
         bool, flag("Identify legs, from logs of robots on a stand, instead of weighing.", "--identify")
     ] = False,
@@ -39,14 +65,10 @@ def fleet(
         Path | None,
         option("LEGS.json", "With --identify: each robot's legs from all its logs, for `weigh --legs`; LEGS-NAME."),
     ] = None,
-    tare: opt.Tare = None,
-    legs: opt.LegsFile = None,
     method: opt.Method = None,
     stiffness: opt.Stiffness = None,
     imu_frame: opt.ImuFrame = None,
     force: opt.Force = False,
-    workers: opt.Workers = None,
-    scheduler: opt.Scheduler = None,
     json: opt.JsonFile = None,
     report: opt.ReportFile = None,
     pages: Annotated[
@@ -54,6 +76,8 @@ def fleet(
     ] = None,
     memory: Annotated[float, option("GB", "Memory of a local worker, above which it is restarted.")] = 2.0,
     *,
+    given: FleetLogs,
+    processes: opt.PoolOptions,
     options: opt.LogOptions,
 ) -> None:
     """Weigh the logs of many robots, on all cores or a Dask cluster, and write one table with a row per log.
@@ -61,29 +85,25 @@ def fleet(
     A log that fails becomes a row with its error. Rows are saved as they arrive: after an interruption the same command
     resumes, and finished logs are skipped while log, options and version are unchanged.
     """
-    _check_logs(manifest, logs, {"--tare": tare, "--legs": legs, "--names": names})
-    check_workers(workers, scheduler)
+    given.check()
+    pool = processes.pool(memory=round(1e9 * memory))
     if merge is not None and not identify:
         raise typer.BadParameter("needs --identify", param_hint="--merge")
     springs = None if stiffness is None else parse.point(stiffness)
 
-    from stadera.fleet.jobs import FleetOptions, jobs_of, read_manifest
-    from stadera.fleet.pool import Pool
+    from stadera.fleet.jobs import FleetOptions
     from stadera.report.fleet.tables import fleet_tables
 
     folder = None if pages is None else str(pages.absolute())
     shared = FleetOptions(
         identify, method, springs, imu_frame, options.topics, options.reading, force, options.fix, folder
     )
-    if manifest is not None:
-        jobs = read_manifest(manifest, robot, shared)
-    else:
-        jobs = jobs_of(logs or (), robot, tare, None if legs is None else str(legs), names, shared)
+    jobs = given.jobs(shared)
     check_outputs((out, json, report, merge))
     check_report(report)
     if pages is not None:
         _make_folder(pages)
-    table = _run(jobs, out, Pool(workers, scheduler, round(1e9 * memory)))
+    table = _run(jobs, out, pool)
     write_outputs(
         (json, json_of(table.to_dict)), (report, text_of(lambda: table.to_html(_links(table, pages, report))))
     )
@@ -91,15 +111,6 @@ def fleet(
         _merge(table, jobs, merge)
     show(*fleet_tables(table))
     _require_any(table)
-
-
-def _check_logs(manifest: Path | None, logs: list[str] | None, of_lines: dict[str, object]) -> None:
-    """Raises BadParameter unless there are either logs or a manifest, and what its lines say is not given besides."""
-    if (manifest is None) == (not logs):
-        raise typer.BadParameter("name logs or a --manifest", param_hint="LOG_OR_GLOB")
-    for name, given in of_lines.items():
-        if manifest is not None and given is not None:
-            raise typer.BadParameter("is of the manifest's lines", param_hint=name)
 
 
 def _run(jobs: list[LogJob], out: Path, pool: Pool) -> FleetTable:

@@ -14,6 +14,7 @@ import typer
 from stadera.cli.gate import GatedCommand
 
 if TYPE_CHECKING:
+    from stadera.fleet.pool import Pool
     from stadera.limits import Limits
     from stadera.logs.topics import LogFile, Reading, Topics
     from stadera.robot import Robot
@@ -77,10 +78,6 @@ LimitValues = Annotated[
         "--limit",
     ),
 ]
-Workers = Annotated[
-    int | None, option("N", "Processes on this machine; 0: this one [default: one per core].", "--workers", min=0)
-]
-Scheduler = Annotated[str | None, option("tcp://HOST:8786", "A Dask scheduler whose workers are used.", "--scheduler")]
 
 
 def grouped(command: Callable[..., None]) -> Callable[..., None]:
@@ -103,10 +100,24 @@ def grouped(command: Callable[..., None]) -> Callable[..., None]:
     return run
 
 
-def check_workers(workers: int | None, scheduler: str | None) -> None:
-    """Raises BadParameter if both are given."""
-    if scheduler is not None and workers is not None:
-        raise typer.BadParameter("a scheduler has its own workers", param_hint="--workers")
+@dataclass(frozen=True)
+class PoolOptions:
+    """Options for the processes that do the work."""
+
+    workers: Annotated[
+        int | None, option("N", "Processes on this machine; 0: this one [default: one per core].", "--workers", min=0)
+    ] = None
+    scheduler: Annotated[
+        str | None, option("tcp://HOST:8786", "A Dask scheduler whose workers are used.", "--scheduler")
+    ] = None
+
+    def pool(self, **settings: Any) -> Pool:
+        """The pool, with other settings of it. Raises BadParameter if both are given."""
+        if self.scheduler is not None and self.workers is not None:
+            raise typer.BadParameter("a scheduler has its own workers", param_hint="--workers")
+        from stadera.fleet.pool import Pool
+
+        return Pool(self.workers, self.scheduler, **settings)
 
 
 TEMPLATE = "-"

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-from stadera.cli.options import Scheduler, Workers, argument, check_workers, flag, grouped, option
+from stadera.cli.options import PoolOptions, argument, flag, grouped, option
 from stadera.cli.outputs import ResultFiles
 from stadera.cli.terminal import progress, show
 
@@ -40,21 +40,19 @@ def reproduce(
         int | None,
         option("N", "For walking, alarms, reality, faults, humanoids: repetitions of the whole grid.", min=1),
     ] = None,
-    workers: Workers = None,
-    scheduler: Scheduler = None,
     *,
+    processes: PoolOptions,
     files: ResultFiles,
 ) -> None:
     """Reproduce tables and figures of the paper, and compare them with their bounds.
 
     A bound that is not met is reported in terminal, page and JSON; it is a measurement, not an error.
     """
-    check_workers(workers, scheduler)
+    pool = processes.pool()
 
     from stadera.lab import require_lab
 
     require_lab("stadera reproduce")
-    from stadera.fleet.pool import Pool
     from stadera.lab.experiments import ReproduceSettings, experiments_named, run_experiments
     from stadera.lab.report.experiments import experiment_renderables
 
@@ -62,7 +60,7 @@ def reproduce(
     files.check()
     results = []
     with progress() as watch:
-        settings = ReproduceSettings(seed, quick, folder or data, keep, seeds, Pool(workers, scheduler))
+        settings = ReproduceSettings(seed, quick, folder or data, keep, seeds, pool)
         for result in run_experiments(experiments, settings, watch or (lambda *_: None)):
             results.append(result)
     _write(results, files)

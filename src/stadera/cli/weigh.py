@@ -38,8 +38,8 @@ def weigh(
 
     In motion every instant is used, standing included. At rest the mass follows from the upward contact force (eq. 7),
     and times in motion are ignored. --tare gives the payload as the difference, and where it is: on the trunk, or at
-    the end of a limb. A result on which model and log
-    contradict each other is refused (exit code 1) unless --force is given.
+    the end of a limb. A result on which model and log contradict each other is refused (exit code 1) unless --force is
+    given.
     """
     springs = None if stiffness is None else parse.point(stiffness)
     chosen_tare = None if tare is None else parse.tare(tare)
