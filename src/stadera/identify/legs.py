@@ -20,7 +20,7 @@ from stadera.identify.floating import FloatingLog, floating_log
 from stadera.identify.gather import Gathered, gather, information_of, with_noise_of, with_varying_friction
 from stadera.identify.job import Job, LegTask, joints_of, parts_of, prepare, stands
 from stadera.identify.log import Part, Section, time_span
-from stadera.identify.observability import Combination, Observability, observability
+from stadera.identify.observability import Combination, Observability, gradients_of, observability
 from stadera.identify.residuals import LegModels, LegScore, scored
 from stadera.identify.result import Identification, KnownCombination, LegIdentification, robot_with_legs, unit_of
 from stadera.identify.settings import IdentifySettings
@@ -341,9 +341,7 @@ def structural_observability(task: LegTask, trunk: TrunkMotion, samples: int = 1
 
 
 def _known(combination: Combination, estimate: Estimate) -> KnownCombination:
-    gradient = np.zeros(len(estimate.columns))
-    for name, factor in combination.terms:
-        gradient[estimate.columns.index(name)] = factor
+    gradient = gradients_of([combination], estimate.columns)[0]
     return KnownCombination(
         text=str(combination),
         prior=float(gradient @ estimate.prior.values),

@@ -55,18 +55,13 @@ class Quantity:
 
 
 @dataclass(frozen=True)
-class KnownCombination:
-    """An identifiable combination of parameters, as text, with unit, prior, estimate and standard deviation.
+class KnownCombination(Quantity):
+    """An identifiable combination of parameters, as text.
 
     The verdict holds for this log: richer motion may determine more combinations.
     """
 
-    text: str
-    prior: float
-    value: float
-    std: float
-    unit: str
-    verdict: Identifiability
+    text: str = ""
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike
 from stadera.boundary import foreign, require_input
 from stadera.errors import ModelError, UntrustedError
 from stadera.identify.observability import Identifiability
-from stadera.identify.result import Identification, KnownCombination, LegIdentification, Quantity
+from stadera.identify.result import Identification, LegIdentification, Quantity
 from stadera.inertia import ORDER, InertialParameters
 from stadera.results import data_frame
 from stadera.robot.model import JointDynamics, Robot
@@ -170,20 +170,9 @@ def _leg(leg: LegIdentification) -> dict[str, Any]:
         "parameters": len(leg.estimate.columns),
         "structural_rank": leg.structural_rank,
         "physical": leg.estimate.is_physical,
-        "combinations": [_combination(c) for c in leg.combinations],
+        "combinations": [{"text": c.text, "unit": c.unit} | _quantity(c) for c in leg.combinations],
         "noise": dict(leg.noise),
         "warnings": list(leg.warnings),
-    }
-
-
-def _combination(combination: KnownCombination) -> dict[str, Any]:
-    return {
-        "text": combination.text,
-        "unit": combination.unit,
-        "prior": combination.prior,
-        "value": combination.value,
-        "std": None if combination.verdict is Identifiability.UNOBSERVABLE else combination.std,
-        "observability": str(combination.verdict),
     }
 
 
@@ -193,15 +182,9 @@ def _trunk(result: Identification) -> dict[str, Any]:
     assert trunk is not None
 
     def quantities(before: ArrayLike, values: ArrayLike, stds: ArrayLike) -> list[dict[str, Any]]:
-        return [
-            {
-                "prior": float(p),
-                "value": float(v),
-                "std": float(s) if isfinite(s) else None,
-                "observability": "observable" if isfinite(s) else "unobservable",
-            }
-            for p, v, s in np.transpose([before, values, stds])
-        ]
+        rows = np.transpose([before, values, stds]).tolist()
+        seen, unseen = Identifiability.OBSERVABLE, Identifiability.UNOBSERVABLE
+        return [_quantity(Quantity(p, v, s, seen if isfinite(s) else unseen, "")) for p, v, s in rows]
 
     found = trunk.inertial
     return {
