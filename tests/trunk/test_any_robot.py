@@ -270,6 +270,23 @@ def test_a_method_at_rest_says_that_five_joints_leave_a_moment_open() -> None:
         weigh(robot, standing(robot, InertialParameters.zero()), method="poses")
 
 
+def test_torques_of_another_scale_are_no_place() -> None:
+    """All torques doubled: what the legs feel of the load and what the arm's joints do not is not where it is."""
+    robot = of_file("b1_z1")
+    load = InertialParameters.from_com(5.0, (0.02, -0.03, 0.1), 0.05 * np.eye(3))
+    samples = swaying(robot, load, 0.4)
+    extra, count = samples.extra.copy(), samples.extra.shape[1] // 3
+    extra[:, 2 * count :] *= 2.0
+    doubled = replace(samples, effort=2.0 * samples.effort, extra=extra)
+    estimator = TrunkEstimator(robot, imu_frame=robot.trunk)
+    estimator.add(doubled[doubled.time < TARED])
+    estimator.tare()
+    estimator.add(doubled[doubled.time >= TARED])
+    payload = estimator.payload
+    assert payload is not None
+    assert (payload.at, dict(payload.places)) == ("", {})
+
+
 IN_HAND = InertialParameters.from_com(2.0, (0.08, 0.01, 0.02), 0.01 * np.eye(3))
 
 

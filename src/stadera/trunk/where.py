@@ -14,6 +14,12 @@ from stadera.trunk.joint_errors import Errors
 from stadera.trunk.load import Payload, without_scale
 from stadera.trunk.placed import Blocks, Told, log_odds
 
+_AS_MODELLED = 0.4
+"""Deviation of the trunk before the load from the model's, as a share of the robot's mass, up to which places are
+compared: a robot without a load may be a fifth lighter or heavier than its model, and doubled torques make it twice as
+heavy.
+"""
+
 
 class Whereabouts:
     """Places where a load may be, and how likely each is.
@@ -43,6 +49,7 @@ class Whereabouts:
             both = ((own[one], own[other]) for one, other in limbs.hands)
             self.candidates = ((0,), *((k,) for k in own.values()), *both)
         self.probability = np.full(len(self.candidates), np.nan)
+        self._model = robot.inertias[robot.trunk].mass, _AS_MODELLED * robot.mass
 
     def name(self, at: Blocks) -> str:
         """The link or links of a place."""
@@ -58,6 +65,9 @@ class Whereabouts:
         since = history.since_load
         if since is None or history.before is None or len(self.candidates) == 1:
             return False
+        trunk, most = self._model
+        if abs(float(history.before.mean(errors.mean)[0]) - trunk) > most:
+            return False  # torques of another scale, which an arm's own and the legs' do not show alike
         odds = log_odds(since, history.before, self.candidates, errors.prior, repeats)
         share = np.exp(odds - odds.max())
         self.probability = share / share.sum()
