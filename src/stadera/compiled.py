@@ -40,9 +40,16 @@ def compiled(signature: str) -> Callable[[_Function], _Function]:
         def call(*arguments: Any) -> Any:
             return made()(*arguments)
 
+        cast(Any, call).made = made
         return cast(_Function, call)
 
     return decorate
+
+
+def load(*functions: Callable[..., Any]) -> None:
+    """Loads compiled functions, or compiles them, so that their first calls take no longer than others."""
+    for function in functions:
+        cast(Any, function).made()
 
 
 def _njit(function: _Function, *signature: str, **options: Any) -> _Function:

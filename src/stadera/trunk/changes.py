@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr, stdtrit
 
-from stadera.compiled import compiled
+from stadera.compiled import compiled, load
 from stadera.inertia import skew
 from stadera.trunk.error_model import ErrorLayout
 from stadera.trunk.joint_errors import Errors
@@ -163,6 +163,7 @@ class ChangeDetector:
     def __init__(
         self, settings: ChangeSettings, scale: Array, block: float, layout: ErrorLayout, places: int = 0
     ) -> None:
+        load(huber_means)
         self.settings, self._scale, self._block = settings, scale, block
         self._windows = np.array(settings.windows)
         self._blocks = Blocks(round(settings.memory / block), 11 + layout.count + 10 * places)

@@ -117,20 +117,22 @@ def ground_normal(feet: Array, stance: Bools, up: Array) -> Array:
 def _normals(feet: Array, stance: Bools, up: Array, out: Array) -> None:
     """Writes the normals (N, 3) of polygons of feet (N, L, 3); arguments as of `ground_normal`."""
     legs = feet.shape[1]
-    angle, arm, across = np.empty(legs), np.empty((legs, 3)), np.empty((2, 3))
+    angle, order, across = np.empty(legs), np.empty(legs, dtype=np.int64), np.empty((2, 3))
+    middle, area = np.empty(3), np.empty(3)
     for k in range(len(feet)):
-        count, middle, flat = 0, np.zeros(3), 0
+        count, flat = 0, 0
         for leg in range(legs):
-            if stance[k, leg]:
-                count += 1
-                middle += feet[k, leg]
+            count += stance[k, leg]
         for c in range(3):
+            middle[c] = area[c] = 0.0
+            for leg in range(legs):
+                if stance[k, leg]:
+                    middle[c] += feet[k, leg, c] / count
             out[k, c] = up[k, c]
             if abs(up[k, c]) < abs(up[k, flat]):
                 flat = c
         if count < 3:
             continue
-        middle /= count
         for row in range(2):  # two directions across `up`
             for c in range(3):
                 a, b = (c + 1) % 3, (c + 2) % 3
@@ -147,15 +149,17 @@ def _normals(feet: Array, stance: Bools, up: Array, out: Array) -> None:
                 y += (feet[k, leg, c] - middle[c]) * across[1, c]
             at, turn = count, atan2(y, x)
             while at > 0 and angle[at - 1] > turn:
-                angle[at], arm[at] = angle[at - 1], arm[at - 1]
+                angle[at], order[at] = angle[at - 1], order[at - 1]
                 at -= 1
-            angle[at], arm[at] = turn, feet[k, leg] - middle
+            angle[at], order[at] = turn, leg
             count += 1
-        area, along = np.zeros(3), 0.0
+        along = 0.0
         for at in range(count):
-            one, other = arm[at], arm[(at + 1) % count]
+            one, other = order[at], order[(at + 1) % count]
             for c in range(3):
-                area[c] += one[(c + 1) % 3] * other[(c + 2) % 3] - one[(c + 2) % 3] * other[(c + 1) % 3]
+                a, b = (c + 1) % 3, (c + 2) % 3
+                area[c] += (feet[k, one, a] - middle[a]) * (feet[k, other, b] - middle[b])
+                area[c] -= (feet[k, one, b] - middle[b]) * (feet[k, other, a] - middle[a])
         size = sqrt(area[0] ** 2 + area[1] ** 2 + area[2] ** 2)
         for c in range(3):
             along += area[c] * up[k, c]

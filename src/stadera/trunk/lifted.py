@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stadera.body import Body, Motion, State
-from stadera.compiled import compiled
+from stadera.compiled import compiled, load
 from stadera.constants import GRAVITY
 from stadera.trunk.settings import SwingDetection
 from stadera.types import Array, Bools
@@ -33,6 +33,7 @@ class Lifted:
     """
 
     def __init__(self, body: Body, swing: SwingDetection, weight: float, length: float) -> None:
+        load(_lifted)
         self._joints, self._legs, self._part = body.in_legs, body.leg_of[body.in_legs], swing.part
         light, fast = swing.load * weight, swing.speed**2 * GRAVITY * length
         limits = [swing.lift * length, fast, light**2, weight**2, swing.carried * weight]

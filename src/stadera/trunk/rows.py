@@ -35,6 +35,8 @@ from numpy.typing import NDArray
 
 from stadera.body import Body, Motion, State
 from stadera.body.friction import direction
+from stadera.body.kernel import evaluate
+from stadera.compiled import load
 from stadera.constants import GRAVITY, SINGULAR
 from stadera.inertia import InertialParameters, skew, skews
 from stadera.robot.imu import ImuMount
@@ -49,7 +51,7 @@ from stadera.trunk.noise import Variances, WhiteNoise
 from stadera.trunk.row_kernel import differences, window_sums
 from stadera.trunk.samples import Samples
 from stadera.trunk.settings import SwingDetection
-from stadera.trunk.window import Window, window_of
+from stadera.trunk.window import Window, block_sums, window_of
 from stadera.trunk.wrench import (
     trunk_matrix,
     trunk_signals,
@@ -155,6 +157,7 @@ class RowMaker:
     """
 
     def __init__(self, robot: Robot, mount: ImuMount, swing: SwingDetection, places: tuple[Place, ...] = ()) -> None:
+        load(evaluate, block_sums, window_sums, differences)
         self._robot, self._lever, self._places = robot, mount.translation, places
         self._layout, length = ErrorLayout.of(robot), robot.leg_length
         self._use(Body.of(robot, others=False))
