@@ -20,7 +20,7 @@ from stadera.report.numbers import number
 
 FOLDER = Path(__file__).parent
 REPLAYS = ("replay_go2", "replay_go2_commands", "replay_aliengo", "replay_aliengo_commands")
-STUDIES = ("reality_table", "ablation", "mini_cheetah", "faults", "humanoids")
+STUDIES = ("reality_table", "ablation", "mini_cheetah", "faults", "humanoids", "identified")
 PAGES = (FOLDER / "comparison.md", FOLDER / "walking.md", *sorted((FOLDER / "validation").glob("*.md")))
 RESULTS = FOLDER / "results"
 Record = dict[str, Any]
@@ -120,6 +120,8 @@ def tables(name: str, records: list[Record]) -> Iterator[str]:
             yield crossed(chosen, short_reading, case(μ, σ), f"{error}: ‖δ‖ in x-y [cm]; {μ}, {σ}")
     elif name == "mini_cheetah":
         yield crossed(records, case("metric"), lambda _: "ten walks, two in the air", "")
+    elif name == "identified":
+        yield crossed(records, case("metric"), case("logs"), "")
     elif name == "humanoids":
         yield crossed(records, case("load", "errors"), case("metric"), "load, errors")
     elif name == "faults":
