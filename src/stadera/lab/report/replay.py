@@ -88,11 +88,12 @@ def replay_html(result: Replay) -> str:
     off, less = number(result.overall(tested, window), 2), 100.0 * (1.0 - ratio)
     said = f"{abs(less):.0f} % {'below' if less > 0.0 else 'above'} {best!r}"
     return render(
-        "compare.html.j2",
+        "replay.html.j2",
+        "stadera.lab.report",
         title=f"Replay of {result.source}",
         headline=f"Over {window:g} s the joints' paths by {tested!r} are off by {off} rad, {said}",
         level="good" if ratio < 1.0 else "warning",
         table=model_table(result),
-        notes=(),
+        joints=joint_table(result),
         plots=[drawn["paths"], drawn["errors"]],
     )
