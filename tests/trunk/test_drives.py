@@ -39,17 +39,21 @@ def drawn(seed: int) -> np.ndarray:
     return np.array([[truth["joints"][joint][term] for term in ("armature", "viscous", "coulomb")] for joint in JOINTS])
 
 
-@pytest.mark.parametrize("seed", [21, 22])
-def test_a_trot_tells_rotor_inertia_and_friction_within_their_bars(seed: int) -> None:
-    drives = weighed(seed).drives
-    assert drives is not None
-    assert drives.joints == tuple(JOINTS)
-    off = drives.value[:, :3] - drawn(seed)
-    moved = np.arange(12) % 3 > 0  # hips hardly turn while a robot trots straight on
-    assert drives.observed[:, 2].all()
-    assert np.median(np.abs(off[moved, 0] / drawn(seed)[moved, 0])) < 0.3  # rotor inertia
-    assert np.median(np.abs(off[:, 2] / drawn(seed)[:, 2])) < 0.3  # Coulomb friction
-    z = np.abs(off / drives.std[:, :3])
+def test_a_trot_tells_rotor_inertia_and_friction_within_their_bars() -> None:
+    off, true, std = [], [], []
+    for seed in (21, 22):
+        drives = weighed(seed).drives
+        assert drives is not None
+        assert drives.joints == tuple(JOINTS)
+        assert drives.observed[:, 2].all()
+        off.append(drives.value[:, :3] - drawn(seed))
+        true.append(drawn(seed))
+        std.append(drives.std[:, :3])
+    off, true, std = map(np.concatenate, (off, true, std))
+    moved = np.arange(len(off)) % 3 > 0  # hips hardly turn while a robot trots straight on
+    assert np.median(np.abs(off[moved, 0] / true[moved, 0])) < 0.3  # rotor inertia
+    assert np.median(np.abs(off[:, 2] / true[:, 2])) < 0.25  # Coulomb friction
+    z = np.abs(off / std)
     assert np.median(z) < 1.2
     assert np.quantile(z, 0.9) < 2.5
 

@@ -21,6 +21,7 @@ from stadera.logs.columns import layout
 from stadera.logs.frames import columns_of
 from stadera.logs.mend import changed, sources_of
 from stadera.logs.recording import Recording, concatenate, take
+from stadera.logs.stamps import with_steps_of_motion
 from stadera.logs.tables.arrays import MatTable, NpzTable
 from stadera.logs.tables.arrow import CsvTable, ParquetTable
 from stadera.logs.topics import EXAMPLES, LogFile
@@ -106,12 +107,12 @@ def stream(
         raise RecordingError(f"a chunk needs at least one row, got {rows}")
     log = as_log(log)
     if isinstance(log, Recording):
-        return _chunks(_chosen(log, joints, require), rows)
+        return with_steps_of_motion(_chunks(_chosen(log, joints, require), rows))
     changes = log.reading.changes
     chunks = reader_of(log.path).stream(log, joints=sources_of(changes, joints), require=require, rows=rows)
-    if not changes:
-        return chunks
-    return (changed(chunk, changes, joints, first=k == 0) for k, chunk in enumerate(chunks))
+    if changes:
+        chunks = (changed(chunk, changes, joints, first=k == 0) for k, chunk in enumerate(chunks))
+    return with_steps_of_motion(chunks)
 
 
 def read_head(log: Log, joints: Sequence[str] | None = None) -> Recording:
@@ -128,7 +129,8 @@ def read(log: Log, *, joints: Sequence[str] | None = None, require: Collection[s
         return _chosen(log, joints, require)
     changes = log.reading.changes
     chunks = reader_of(log.path).stream(log, joints=sources_of(changes, joints), require=require, rows=None)
-    return changed(concatenate(tuple(chunks)), changes, joints)
+    whole = changed(concatenate(tuple(chunks)), changes, joints)
+    return next(with_steps_of_motion((whole,)))
 
 
 def _chosen(recording: Recording, joints: Sequence[str] | None, require: Collection[str]) -> Recording:

@@ -253,7 +253,7 @@ class History:
 
     def _sum(self, segments: Sequence[Segment]) -> RowSums:
         swing = self._settings.swing
-        return RowSums.of(segments, swing.repeated, swing.returning)
+        return RowSums.of(segments, swing.repeated, swing.returning, swing.strides)
 
     def _widened(self, known: Segment, errors: Array) -> Segment:
         """A prior for the trunk under another load."""

@@ -7,10 +7,10 @@ joints (`SwingJoints`), so p is estimated by least squares around its prior, of 
 
 with p_s and P of the legs in the air and, for all other errors, zero and their prior size. With P = L Lᵀ,
 S = L (1 + Lᵀ M L/σ²)⁻¹ Lᵀ. σ² is the variance of the residual that p̂ leaves, times the number of rows that share one
-error: `repeated`, as long as a swing or stance lasts, and more in proportion once there are more rows than `returning`,
-since the errors of friction laws and impacts return with every step. Were σ² constant, p̂ would follow these errors, and
-the noise in its own columns, the more the longer a log is: trunks of real walks would become lighter by a quarter from
-10 to 37 s, and noise alone would make a trot's lighter by 4 % in a minute.
+error: `repeated`, as long as a swing or stance lasts, and more in proportion once there are more than `returning`, or
+`strides` in a walk, since the errors of friction laws and impacts return with every step. Were σ² constant, p̂ would
+follow these errors, and the noise in its own columns, the more the longer a log is: trunks of real walks would become
+lighter by a quarter from 10 to 37 s, and noise alone would make a trot's lighter by 4 % in a minute.
 
 Not estimated, but considered (Schmidt), are errors c that may change with the load, that no residual shows or that are
 noise: static friction, the common scale of all torques, noise of the matrix. They add

@@ -56,6 +56,16 @@ class Lifted:
         _lifted(J, self._legs, state.to_wrench, force, moved, *known, *places, edges, parts, self._limits, air)
         return air
 
+    def stepping(self, pace: Array, edges: Ints) -> Bools:
+        """Blocks (B,) in which a foot moves relative to the others, fast enough to be lifted: those of a walk.
+
+        Args:
+            pace: (n, legs, 3) [m/s], velocities of the feet, the trunk's rotation taken out. edges: see `legs`.
+        """
+        mean = np.add.reduceat(pace, edges[:-1]) / np.diff(edges)[:, None, None]
+        apart = mean - np.median(mean, axis=1, keepdims=True)
+        return np.asarray(((apart * apart).sum(axis=2) > self._limits[1]).any(axis=1))
+
 
 @compiled(
     "void(int64[::1], int64[::1], float64[:,:,::1], float64[:,:,::1], float64[:,:,::1], float64[:,::1], "

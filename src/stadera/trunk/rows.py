@@ -111,7 +111,7 @@ class Equations:
 @dataclass(frozen=True, eq=False)
 class SwingRows:
     """A window's rows in joint space, for legs in the air: see `stadera.trunk.swing.SwingJoints.add`; `white` is the
-    variance, `sliding` the share of the joints that slide throughout the window [1].
+    variance, `sliding` the share of the joints that slide throughout the window [1], `stepping` as of `Lifted`.
     """
 
     air: Bools
@@ -120,6 +120,7 @@ class SwingRows:
     residual: Array
     white: Array
     sliding: float
+    stepping: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -266,7 +267,7 @@ class RowMaker:
         by_terms, by_links: (B, 2, J, 6, terms) and (B, 2, K, 6, 10), of E times q̈, q̇, s, 1, τ and √(1 - s²), and of
             `State.columns`.
         alternating: (B, 2, 18), of signals and target, with signs that alternate from sample to sample.
-        probes, middle: see `_slopes`. omega: (B, 3), mean. air: (B, L), legs in the air.
+        probes, middle: see `_slopes`. omega: (B, 3), mean. air: (B, L), legs in the air. stepping: (B,).
         end: (B,) [s]. averaged, differentiated: (B,), Σ w², and the same of differences in time [1/s²].
         sign: (B,), of `alternating`; zero of a block with too few samples. limb_...: see `LimbRows.sums`.
         """
@@ -312,6 +313,7 @@ class RowMaker:
         out["probes"], out["middle"] = self._slopes(window, motion, tau, sound)
         out["omega"] = window.sums(window.mean, motion.angular_velocity)[:, 0]
         out["air"] = self.lifted.legs(state, motion, force, sure, step, window.edges)
+        out["stepping"] = self.lifted.stepping(state.pace, window.edges)
         signs = self._sign * np.cumprod(np.concatenate([[1.0], np.where(sound, 1.0 - 2.0 * (counts % 2), 1.0)]))
         out["sign"], self._sign = signs[:-1] * (counts >= RESOLVED), float(signs[-1])
         out |= {"end": end, "averaged": window.averaged, "differentiated": window.differences / step**2}
@@ -438,6 +440,7 @@ class RowMaker:
         by_velocity = ((G * G) @ noise.velocity[:, :, None])[:, :, 0]
         by_velocity += noise.gyro[:, None] * (L_noise * L_noise).sum(axis=2)
         white += _TELESCOPED * differentiated[:, None] * by_velocity
+        stepping = (first["stepping"] | second["stepping"]).tolist()
         air, sliding = first["air"] & second["air"], (np.abs(joint[:, 2]) > _SLIDES).mean(axis=1).tolist()
         return [
             BlockRows(
@@ -445,7 +448,7 @@ class RowMaker:
                 float(elapsed[b]),
                 columns[b],
                 white[b],
-                SwingRows(air[b], joint[b, :4], joint[b, 4], joint[b, 5], noise.torque[b], sliding[b]),
+                SwingRows(air[b], joint[b, :4], joint[b, 4], joint[b, 5], noise.torque[b], sliding[b], stepping[b]),
                 None if limbs is None else limbs[b],
             )
             if follows[b]

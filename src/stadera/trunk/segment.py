@@ -20,7 +20,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
-from math import isnan, sqrt
+from math import inf, isnan, sqrt
 
 import numpy as np
 from scipy.linalg import lapack
@@ -58,6 +58,7 @@ class WeightedRows(Equations):
         white: variance of the white noise, summed over the six rows [1].
         weight: of the rows in sums [1], see `stadera.trunk.history.RobustWeights`.
         sliding: share of the joints that slide, whose direction of friction is known [1].
+        stepping: a foot moves relative to the others.
     """
 
     time: float
@@ -65,6 +66,7 @@ class WeightedRows(Equations):
     white: float
     weight: float = 1.0
     sliding: float = 1.0
+    stepping: bool = False
     limbs: Array | None = None
 
     @classmethod
@@ -74,7 +76,7 @@ class WeightedRows(Equations):
 
     def weighing(self, weight: float) -> WeightedRows:
         """The same with another weight."""
-        return WeightedRows(self.time, self.columns, self.white, weight, self.sliding, self.limbs)
+        return replace(self, weight=weight)
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,7 +140,7 @@ class Segment:
         begin: time of the first row [s].
         blocks: number of blocks.
         sums: means and variation of the rows.
-        moved: sum of the weights of blocks in which the robot moves [1].
+        moved: sum of the weights of blocks in which the robot moves [1]. stepped: of those in which it walks.
         below: (loads, loads + 1 + errors), L, y and H.
         held: where a load is that the trunk does not contain, and the trunk without it; None if there is none.
     """
@@ -152,6 +154,7 @@ class Segment:
     begin: float = np.nan
     blocks: int = 0
     moved: float = 0.0
+    stepped: float = 0.0
     below: Array = field(default_factory=lambda: np.zeros((0, 0)))
     held: Held | None = None
     _last: list[tuple[Segment, float, Array, bool]] = field(default_factory=list, repr=False)
@@ -193,6 +196,7 @@ class Segment:
             rows.time if isnan(self.begin) else self.begin,
             self.blocks + 1,
             keep * self.moved + rows.weight * moving,
+            keep * self.stepped + rows.weight * (moving and rows.stepping),
             below,
             self.held,
             [(self, keep, residue, moving)] if remainder else [],
@@ -351,7 +355,8 @@ def weighted(rows: BlockRows, unit: Array, of_limbs: Array | None = None) -> Wei
     """Scales rows to their `unit_of_rows`, and those of the limbs to theirs."""
     white = float(rows.white @ unit**-2.0)
     limbs = None if rows.limbs is None or of_limbs is None else rows.limbs / of_limbs[:, None]
-    return WeightedRows(rows.time, rows.columns / unit[:, None], white, sliding=rows.swing.sliding, limbs=limbs)
+    swing, columns = rows.swing, rows.columns / unit[:, None]
+    return WeightedRows(rows.time, columns, white, sliding=swing.sliding, stepping=swing.stepping, limbs=limbs)
 
 
 @dataclass(frozen=True, eq=False)
@@ -360,9 +365,10 @@ class RowSums:
 
     Attributes:
         remainder: see `Segment.remainder`, over all blocks. in_motion: the same over blocks in which the robot moves.
-        weight: sum of the weights of the blocks in motion [1].
+        weight: sum of the weights of the blocks in motion [1]. stepped: of those in which the robot walks.
         repeated: number of successive rows with the same error [1], which persists through a swing or a stance.
-        returning: number of rows after which such errors have returned, so that further rows tell nothing new [1].
+        returning, strides: number of rows after which such errors have returned, so that further rows tell nothing new,
+            and the same of rows of a walk [1].
         white: Σ of all rows' white variance [1].
     """
 
@@ -371,13 +377,16 @@ class RowSums:
     weight: float
     repeated: float
     white: float = 0.0
-    returning: float = float("inf")
+    returning: float = inf
+    strides: float = inf
+    stepped: float = 0.0
 
     @classmethod
-    def of(cls, segments: Sequence[Segment], repeated: float, returning: float = float("inf")) -> RowSums:
+    def of(cls, segments: Sequence[Segment], repeated: float, returning: float = inf, strides: float = inf) -> RowSums:
         """Sums up segments of the same robot."""
         first, *others = segments
-        total = cls(first.remainder, first.in_motion, first.moved, repeated, first.white, returning)
+        sums = first.remainder, first.in_motion, first.moved
+        total = cls(*sums, repeated, first.white, returning, strides, first.stepped)
         for segment in others:
             total = total.plus(segment)
         return total
@@ -391,12 +400,15 @@ class RowSums:
             self.repeated,
             self.white + segment.white,
             self.returning,
+            self.strides,
+            self.stepped + segment.stepped,
         )
 
     @property
     def repeats(self) -> float:
         """Number of rows that share one error [1]."""
-        return self.repeated * max(self.weight / self.returning, 1.0)
+        returned = (self.weight - self.stepped) / self.returning + self.stepped / self.strides
+        return self.repeated * max(returned, 1.0)
 
 
 def robot_weight(robot: Robot) -> float:

@@ -1,0 +1,108 @@
+"""Steps between samples from the joints' motion, where stamps are times of arrival."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from stadera.errors import StaderaError
+from stadera.logs import stream
+from stadera.logs.recording import Recording, take
+from stadera.logs.stamps import StampSettings, with_steps_of_motion
+from stadera.types import Array
+
+JOINTS = 12
+SCATTER = 2e-4  # s, of a step
+
+
+def steps(rng: np.random.Generator, count: int) -> Array:
+    """Steps of 2 ms, every eighth of 8 ms, since samples are lost."""
+    return np.where(rng.random(count) < 0.125, 0.008, 0.002)
+
+
+def log(time: Array, seed: int = 0, noise: float = 1e-4) -> Recording:
+    """Joints that swing, sampled at these times [s]."""
+    rng = np.random.default_rng(seed)
+    rate, phase = rng.uniform(1.0, 4.0, JOINTS) * 2.0 * np.pi, rng.uniform(0.0, 6.0, JOINTS)
+    angle = rate * time[:, None] + phase
+    position = 0.3 * np.sin(angle) + noise * rng.standard_normal(angle.shape)
+    velocity = 0.3 * rate * np.cos(angle) + 1e2 * noise * rng.standard_normal(angle.shape)
+    return Recording(time, tuple(f"j{k}" for k in range(JOINTS)), position, velocity)
+
+
+def arrival(rng: np.random.Generator, true: Array) -> Array:
+    """Stamps: samples wait for up to 6 ms, in the order in which they were sent."""
+    waited = np.maximum.accumulate(true + rng.uniform(0.0, 0.006, len(true)))
+    return waited + 1e-8 * np.arange(len(true))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_steps_are_those_of_the_motion(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    true = np.cumsum(steps(rng, 6000))
+    stamped = replace(log(true, seed), time=arrival(rng, true))
+    whole = next(with_steps_of_motion((stamped,)))
+    assert np.std(np.diff(stamped.time) - np.diff(true)) > 5.0 * SCATTER
+    assert np.std(np.diff(whole.time) - np.diff(true)) < SCATTER
+    followed = true > 4.0  # the first seconds go to the mean delay
+    assert np.std((whole.time - true)[followed]) < 0.5 * np.std((stamped.time - true)[followed])
+    assert "stamped when they arrived" in whole.notes[-1]
+
+
+def test_parts_of_a_log_follow_on() -> None:
+    rng = np.random.default_rng(5)
+    true = np.cumsum(steps(rng, 9000))
+    stamped = replace(log(true), time=arrival(rng, true))
+    parts = list(stream(stamped, rows=3000))
+    whole = next(with_steps_of_motion((stamped,)))
+    joined = np.concatenate([part.time for part in parts])
+    assert (np.diff(joined) > 0.0).all()
+    np.testing.assert_allclose(joined, whole.time, atol=5e-4)
+    assert [len(part.notes) for part in parts] == [1, 0, 0]
+
+
+@settings(max_examples=20, deadline=None)
+@given(seed=st.integers(0, 1000), jitter=st.sampled_from([0.0, 1e-5]), factor=st.sampled_from([1.0, 0.9, 57.3]))
+def test_a_good_clock_stays(seed: int, jitter: float, factor: float) -> None:
+    """Also with velocities that are scaled, and in degrees: what is wrong then is not the clock."""
+    rng = np.random.default_rng(seed)
+    true = np.cumsum(steps(rng, 2000))
+    good = log(true, seed)
+    assert good.velocity is not None
+    good = replace(good, time=true + jitter * rng.standard_normal(len(true)), velocity=factor * good.velocity)
+    assert next(with_steps_of_motion((good,))) is good
+
+
+def test_a_robot_that_stands_tells_no_steps() -> None:
+    rng = np.random.default_rng(1)
+    true = np.cumsum(steps(rng, 2000))
+    rest = replace(log(true), time=arrival(rng, true))
+    still = 1e-4 * rng.standard_normal(rest.position.shape)
+    rest = replace(rest, position=still, velocity=10.0 * still)
+    assert next(with_steps_of_motion((rest,))) is rest
+
+
+def test_a_long_gap_is_as_long_as_its_stamps_say() -> None:
+    rng = np.random.default_rng(2)
+    true = np.cumsum(steps(rng, 4000))
+    true[2000:] += 0.7
+    mended = next(with_steps_of_motion((replace(log(true), time=arrival(rng, true)),)))
+    assert np.diff(mended.time)[1999] == pytest.approx(0.7, abs=0.01)
+
+
+def test_velocities_are_needed() -> None:
+    rng = np.random.default_rng(3)
+    true = np.cumsum(steps(rng, 500))
+    bare = replace(log(true), velocity=None, time=arrival(rng, true))
+    assert next(with_steps_of_motion((bare,))) is bare
+    short = take(replace(log(true), time=arrival(rng, true)), slice(0, 100))
+    assert next(with_steps_of_motion((short,))) is short
+
+
+def test_settings_are_positive() -> None:
+    with pytest.raises(StaderaError, match="memory"):
+        StampSettings(memory=0.0)
