@@ -6,13 +6,14 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from stadera.errors import ModelError
 from stadera.robot.model import Robot
 from stadera.types import Array
 
 
 def pinocchio_model(robot: Robot) -> Any:
     """`pinocchio.Model` with a free-flyer and the tree's joints in the tree's order. Raises ModelError: a link has zero
-    mass and non-zero moments.
+    mass and non-zero moments, or an impossible inertia.
 
     Hence q = [position, quaternion xyzw, joint angles in tree order] and v = [linear, angular velocity of the trunk in
     its own frame, joint velocities]. Link i of the tree is joint i + 1. Armature, damping, dry friction and limits are
@@ -27,7 +28,12 @@ def pinocchio_model(robot: Robot) -> Any:
         joint = model.addJoint(tree.parents[i] + 1, _joint_model(tree.axes[i]), placement, name)
         model.addJointFrame(joint)
     for k, link in enumerate(tree.links):
-        model.appendBodyToJoint(k + 1, robot.inertias[link].to_pinocchio(), pin.SE3.Identity())
+        try:
+            body = robot.inertias[link].to_pinocchio()
+        except RuntimeError as error:
+            reason = str(error).rstrip(".")
+            raise ModelError(f"robot {robot.name}: link {link!r} is no body that can be simulated: {reason}") from error
+        model.appendBodyToJoint(k + 1, body, pin.SE3.Identity())
     for name, frame in robot.frames.items():
         kind = pin.FrameType.BODY if name in tree.links else pin.FrameType.OP_FRAME
         placement = pin.SE3(np.array(frame.rotation), np.array(frame.translation))

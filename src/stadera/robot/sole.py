@@ -53,7 +53,7 @@ def sole(robot: Robot, leg: Leg) -> tuple[Array, float]:
     signs = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
     boxes = [shape for shape in own if shape.kind == "box"]
     corners = [(signs * box.size) @ box.rotation.T + box.translation for box in boxes]
-    points = np.concatenate([*corners, *_meshes(robot, leg)]) if boxes or robot.source else np.zeros((0, 3))
+    points = np.concatenate([np.zeros((0, 3)), *corners, *_meshes(robot, leg)])
     if not len(points):
         raise ModelError(f"robot {robot.name}: the flat foot {leg.foot} has no spheres, boxes or meshes to stand on")
     tree = robot.leg_tree(leg.name)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import pinocchio as pin
@@ -120,6 +121,15 @@ def test_soles_are_the_spheres_or_the_mesh_of_the_foot() -> None:
     assert points.shape == (4, 3)
     np.testing.assert_allclose(points[:, 2] - radius, robot.legs[0].foot_position[2], atol=1e-3)
     assert 0.1 < np.ptp(points[:, 1]) < 0.2 < np.ptp(points[:, 0]) < 0.3
+
+
+def test_what_cannot_be_simulated_is_said_by_name() -> None:
+    with pytest.raises(StaderaError, match=r"robot icub: link .* is no body that can be simulated: The 3d inertia"):
+        simulate(of_name("icub"), "stand")
+    robot = of_name("g1")
+    bare = replace(robot, shapes=(), source=None)
+    with pytest.raises(StaderaError, match=r"the flat foot .* has no spheres, boxes or meshes to stand on"):
+        sole(bare, bare.legs[0])
 
 
 def test_a_whole_robot_is_the_one_that_is_loaded() -> None:
