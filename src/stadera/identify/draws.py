@@ -59,7 +59,7 @@ def _inside(estimate: Estimate, positive: list[int]) -> Array:
     values[positive] = np.maximum(values[positive], 0.1 * np.sqrt(np.diag(estimate.covariance))[positive])
     for link in prior.links:
         own = prior.block(link)
-        for share in (0.0, *np.logspace(-12, 0, 25)):  # towards the model's values, which are inside
+        for share in (0.0, *np.logspace(-10, 0, 21)):  # towards the model's values, which are inside
             values[own] = estimate.values[own] + share * (prior.values[own] - estimate.values[own])
             J = np.tensordot(values[own], PSEUDO_BASIS, axes=1)
             if np.linalg.eigvalsh(J).min() > 1e-9 * np.trace(J):
