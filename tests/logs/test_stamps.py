@@ -65,6 +65,24 @@ def test_parts_of_a_log_follow_on() -> None:
     assert [len(part.notes) for part in parts] == [1, 0, 0]
 
 
+@pytest.mark.parametrize("seed", range(20))
+def test_time_goes_on_where_the_joints_stop(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    true = np.cumsum(steps(rng, 6000))
+    moving = log(true, seed)
+    assert moving.velocity is not None
+    stops = np.minimum(np.arange(len(true)), 1999)  # and goes on to be sampled
+    stopped = replace(
+        moving,
+        time=arrival(rng, true),
+        position=moving.position[stops],
+        velocity=np.where((np.arange(len(true)) < 2000)[:, None], moving.velocity, 0.0),
+    )
+    joined = np.concatenate([part.time for part in stream(stopped, rows=2000)])
+    assert (np.diff(joined) > 0.0).all()
+    assert np.abs(joined - true).max() < 0.02
+
+
 @settings(max_examples=20, deadline=None)
 @given(seed=st.integers(0, 1000), jitter=st.sampled_from([0.0, 1e-5]), factor=st.sampled_from([1.0, 0.9, 57.3]))
 def test_a_good_clock_stays(seed: int, jitter: float, factor: float) -> None:

@@ -1,4 +1,4 @@
-"""The laboratory: a MuJoCo test-bed, controllers, baselines, and the paper's experiments. Needs the extra `lab`."""
+"""The laboratory: a MuJoCo test-bed, controllers, baselines, the paper's experiments. Simulations need extra `lab`."""
 
 from __future__ import annotations
 

@@ -56,16 +56,16 @@ class StampSettings:
 
 def with_steps_of_motion(chunks: Iterable[Recording], settings: StampSettings | None = None) -> Iterator[Recording]:
     """Yields the consecutive parts of a log with corrected times; unchanged where velocities are missing or stamps are
-    as good. A correction is noted at the first part that has one.
+    as good. Where the joints stop, stamps stay as far off as they were. A correction is noted at the first part that
+    has one.
     """
     settings, ahead, last, noted = settings or StampSettings(), 0.0, None, False  # type: ignore[assignment]
     for chunk in chunks:
         steps = None if chunk.velocity is None else _steps(chunk, last, settings)
         if chunk.velocity is not None:
             last = chunk.time[-1], chunk.position[-1], chunk.velocity[-1]
-        if steps is None:
-            ahead = 0.0
-            yield chunk
+        if steps is None:  # as far off as before, so that time goes on
+            yield replace(chunk, time=chunk.time - ahead) if ahead else chunk
             continue
         stamped, true = steps
         keep = 1.0 - float(stamped.mean()) / settings.memory
