@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import yaml
+from robot_files import quadruped, write
 
 from stadera.inertia import InertialParameters
 from stadera.robot import JointDynamics, load_robot
@@ -58,6 +59,33 @@ def test_limits_places_feet_and_imu_are_compared_each_in_its_own_size() -> None:
     expected = {(joint, "origin z [m]"), (joint, "lower [rad]"), (f"foot {foot.name}", "radius [m]")}
     assert expected <= found
     assert {of for of, _ in found - expected} == {"IMU"}
+
+
+def test_a_link_and_a_joint_of_one_name_are_both_compared(tmp_path: Path) -> None:
+    text = quadruped().replace('<joint name="lf_b"', '<joint name="lf_thigh"')
+    robot = load_robot(write(tmp_path, text))
+    body = robot.inertias["lf_thigh"]
+    other = robot.with_inertias({"lf_thigh": InertialParameters.from_com(1.1 * body.mass, body.com, body.inertia_com)})
+    other = other.with_dynamics({"lf_thigh": JointDynamics(viscous=0.3)})
+    names = [(d.of, d.value.split()[0]) for d in differences(robot, other)]
+    assert names[0] == ("lf_thigh", "mass")
+    assert names[-1] == ("lf_thigh", "viscous")
+
+
+def test_a_foots_radius_is_compared_in_its_own_size() -> None:
+    robot = load_robot("hyq")
+    foot, radius = robot.legs[0], 0.02
+    robot = replace(robot, legs=(replace(foot, foot_radius=radius), *robot.legs[1:]))
+    for share, count in ((5e-7, 0), (2e-6, 1)):
+        other = replace(robot, legs=(replace(foot, foot_radius=radius * (1.0 + share)), *robot.legs[1:]))
+        assert len(list(differences(robot, other))) == count
+
+
+def test_the_named_feet_and_trunk_are_those_of_both_models(run: Any) -> None:
+    for option, said in (("--feet", "unknown foot 'nonsense'"), ("--trunk", "unknown link 'nonsense'")):
+        ended = run("inspect", "hyq", "hyq", option, "nonsense")
+        assert ended.code == 1
+        assert said in ended.err
 
 
 def test_a_missing_leg_is_one_line_for_each_part() -> None:

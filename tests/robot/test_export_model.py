@@ -156,6 +156,18 @@ def test_mjcf_with_anchors_defaults_fixed_bodies_and_an_include(tmp_path: Path) 
     assert "a remark to be kept" in (tmp_path / "elsewhere" / "out.xml").read_text()
 
 
+def test_a_robot_of_named_feet_is_written_as_it_was_loaded(tmp_path: Path) -> None:
+    """Two of four legs, the others lumped into the trunk: they keep their inertias."""
+    source, feet = write(tmp_path, quadruped()), ("lf_shank", "rf_shank")
+    wanted = load_robot(source, feet=feet, trunk="base")  # the file's root
+    more = _random_body(np.random.default_rng(5))
+    wanted = wanted.with_inertias({link: wanted.inertias[link] + more for link in wanted.tree.links})
+    export_model(wanted, tmp_path / "out.urdf")
+    _assert_same_inertias(load_robot(tmp_path / "out.urdf", feet=feet), wanted)
+    whole, before = load_robot(tmp_path / "out.urdf"), load_robot(source)
+    assert whole.inertias["lh_hip"] == before.inertias["lh_hip"]
+
+
 # -- what it refuses, leaving nothing behind ------------------------------------------------------------------------
 def _refused(robot: Robot, path: Path) -> str:
     before = sorted(p.name for p in path.parent.iterdir()) if path.parent.is_dir() else []
@@ -171,6 +183,13 @@ def test_the_other_format_is_refused(tmp_path: Path) -> None:
     assert ".urdf" in _refused(load_robot("hyq"), tmp_path / "out.xml")
     toy = load_robot(write(tmp_path, mjcf(), "toy.xml"))
     assert ".xml" in _refused(toy, tmp_path / "out.urdf")
+
+
+def test_a_trunk_that_is_not_the_files_root_is_refused(tmp_path: Path) -> None:
+    joint = urdf_joint("swivel", "mast", "base", "0.1 -0.2 -0.3", "0 0 1")
+    path = write(tmp_path, quadruped().replace("</robot>", urdf_link("mast", 3.0) + joint + "</robot>"))
+    told = _refused(load_robot(path, trunk="base"), tmp_path / "out.urdf")
+    assert "the trunk 'base' is not the root 'mast' of toy.urdf" in told
 
 
 def test_mjcf_refuses_an_inertia_that_no_body_has(tmp_path: Path) -> None:

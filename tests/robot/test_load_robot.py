@@ -17,6 +17,7 @@ from stadera.inertia import InertialParameters
 from stadera.robot import LEG_NAMES, Robot, catalog, load_robot
 from stadera.robot.catalog import _example_robot_data
 from stadera.robot.kinematics import foot_positions, forward_kinematics
+from stadera.robot.sole import sole
 
 
 # -- what it finds --------------------------------------------------------------------------------------------------
@@ -121,6 +122,22 @@ def test_the_h1_is_a_model_file_and_nothing_else(tmp_path: Path) -> None:
     source = Path(catalog.__file__).parent.parent
     knowing = [file.name for file in source.rglob("*.py") if re.search(r"\bh1", file.read_text(encoding="utf-8"), re.I)]
     assert knowing == ["catalog.py"]
+
+
+def test_a_flat_foot_whose_meshes_are_missing_has_the_sole_of_an_unknown_one(tmp_path: Path) -> None:
+    named = load_robot("h1")
+    text = Path(str(named.source)).read_text(encoding="utf-8")
+    shape = '<geometry><mesh filename="package://nowhere/sole.stl"/></geometry>'
+    for leg in named.legs:
+        text = text.replace(
+            f'<link name="{leg.links[-1]}">', f'<link name="{leg.links[-1]}"><collision>{shape}</collision>'
+        )
+    assert text.count("package://nowhere") == 2
+    robot = load_robot(write(tmp_path, text))
+    for leg in robot.legs:
+        assert leg.unfelt_arm == pytest.approx(0.06 * robot.leg_length)  # half a sole's width
+    with pytest.raises(ModelError, match="collision meshes cannot be read"):
+        sole(robot, robot.legs[0])
 
 
 def test_the_owner_names_the_feet_where_legs_are_no_others_than_arms(tmp_path: Path) -> None:

@@ -7,6 +7,7 @@ from stadera.cli.options import TEMPLATE, LogOptions, ModelOptions, argument, gr
 from stadera.cli.terminal import progress, show
 
 if TYPE_CHECKING:
+    from stadera.limits import Limits
     from stadera.logs import LogFile
 
 
@@ -34,7 +35,7 @@ def inspect(
         print(template(Path(target), LogOptions(units=options.units, limit=options.limit).reading), end="")
         return
     if other is not None:
-        _compare(target, other, options)
+        _compare(target, other, limits_of(options.limit), shape)
         return
     if _is_robot(target):
         from stadera.report.inspect import robot_contents
@@ -59,17 +60,16 @@ def inspect(
     show(*log_contents(summary, [model.name], found))
 
 
-def _compare(first: str, second: str, options: LogOptions) -> None:
+def _compare(first: str, second: str, limits: "Limits", shape: ModelOptions) -> None:
     """Shows where two models differ. Raises ModelError: one is no robot; UntrustedError: they differ."""
     from stadera.errors import ModelError, UntrustedError
     from stadera.report.inspect import comparison
-    from stadera.robot import load_robot
     from stadera.robot.compare import differences
 
     for target in (first, second):
         if not _is_robot(target):
             raise ModelError(f"{target}: a log; two robots' models are compared")
-    one, other = (load_robot(target, limits_of(options.limit)) for target in (first, second))
+    one, other = (shape.load(target, limits) for target in (first, second))
     found = list(differences(one, other))
     show(*comparison(one, other, found))
     if found:

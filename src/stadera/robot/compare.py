@@ -39,40 +39,42 @@ def differences(first: Robot, second: Robot) -> Iterator[Difference]:
     for of in dict.fromkeys((*one, *other)):
         if of not in one or of not in other:
             name, (value, _) = next(iter((one.get(of) or other[of]).items()))
-            yield Difference(of, name, *((value, None) if of in one else (None, value)))
+            yield Difference(of[1], name, *((value, None) if of in one else (None, value)))
             continue
         for name in (name for name in one[of] if name in other[of]):
             (a, size), (b, most) = one[of][name], other[of][name]
             if a != b and not abs(a - b) <= SAME * max(size, most):
-                yield Difference(of, name, a, b)
+                yield Difference(of[1], name, a, b)
 
 
-def _values(robot: Robot) -> dict[str, dict[str, tuple[float, float]]]:
-    """By link, joint, foot and IMU, each value by its name and unit, and the size that its rounding is a share of."""
-    found: dict[str, dict[str, tuple[float, float]]] = {}
+def _values(robot: Robot) -> dict[tuple[str, str], dict[str, tuple[float, float]]]:
+    """By kind and name of link, joint, foot and IMU, since a link and a joint may share a name: each value by its name
+    and unit, and the size that its rounding is a share of.
+    """
+    found: dict[tuple[str, str], dict[str, tuple[float, float]]] = {}
     for link in robot.tree.links:
         body, tensor = robot.inertias[link], robot.inertias[link].inertia_com
         largest = float(np.abs(tensor).max())
-        found[link] = {"mass [kg]": (body.mass, body.mass)}
-        found[link] |= _vector("centre", "m", body.com)
+        own = found["link", link] = {"mass [kg]": (body.mass, body.mass)}
+        own |= _vector("centre", "m", body.com)
         for i, j in combinations_with_replacement(range(3), 2):
-            found[link][f"I{'xyz'[i]}{'xyz'[j]} about the centre [kg·m²]"] = float(tensor[i, j]), largest
+            own[f"I{'xyz'[i]}{'xyz'[j]} about the centre [kg·m²]"] = float(tensor[i, j]), largest
     tree = robot.tree
     for k, joint in enumerate(tree.joints):
-        found[joint] = {"in the tree [0 or 1]": (1.0, 1.0)}
-        found[joint] |= _vector("origin", "m", tree.translations[k])
-        found[joint] |= _vector("axis", "1", tree.rotations[k] @ tree.axes[k])
+        own = found["joint", joint] = {"in the tree [0 or 1]": (1.0, 1.0)}
+        own |= _vector("origin", "m", tree.translations[k])
+        own |= _vector("axis", "1", tree.rotations[k] @ tree.axes[k])
         for values, units in ((robot.dynamics[joint], _DYNAMICS), (robot.limits[joint], _LIMITS)):
             for name, unit in units.items():
                 value = float(getattr(values, name))
-                found[joint][f"{name} [{unit}]"] = value, max(abs(value), _LEAST) if isfinite(value) else 0.0
+                own[f"{name} [{unit}]"] = value, max(abs(value), _LEAST) if isfinite(value) else 0.0
     for leg in robot.legs:
-        found[f"foot {leg.name}"] = {"radius [m]": (leg.foot_radius, _LEAST)}
-        found[f"foot {leg.name}"] |= _vector("centre", "m", np.array(leg.foot_position))
+        own = found["foot", f"foot {leg.name}"] = {"radius [m]": (leg.foot_radius, max(leg.foot_radius, _LEAST))}
+        own |= _vector("centre", "m", np.array(leg.foot_position))
     mount = ImuMount.of(robot)
-    found["IMU"] = _vector("place", "m", mount.translation)
+    own = found["IMU", "IMU"] = _vector("place", "m", mount.translation)
     for axis, direction in zip("xyz", mount.rotation.T, strict=True):
-        found["IMU"] |= _vector(f"{axis} axis", "1", direction)
+        own |= _vector(f"{axis} axis", "1", direction)
     return found
 
 

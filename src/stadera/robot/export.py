@@ -33,14 +33,13 @@ def export_model(robot: Robot, path: str | Path, payload: PayloadLink | None = N
     absolute path of its assets. The file is read back and compared before it replaces an existing one.
 
     Raises:
-        ModelError: the robot has no source file, the suffix is not that of the source's format, a value that the format
-            cannot represent (mass not positive, friction negative; in MJCF an impossible inertia), or a payload whose
-            name is taken.
+        ModelError: as of `check_export`; a value that the format cannot represent (mass not positive, friction
+            negative; in MJCF an impossible inertia); a payload whose name is taken.
         StaderaError: the folder does not exist or is not writable.
     """
     target = Path(path)
     source, is_urdf = check_export(robot, target)
-    prior, file = _posed_as(robot, load_robot(source, UNLIMITED)), read_model_file(source, UNLIMITED)
+    prior, file = _loaded_as(robot, source), read_model_file(source, UNLIMITED)
     inertias = _changed_inertias(robot, prior, file)
     fixed = {link: names for link, names in _fixed_bodies(prior, file).items() if link in inertias}
     dynamics = {joint: d for joint, d in robot.dynamics.items() if d != prior.dynamics[joint]}
@@ -70,7 +69,8 @@ def export_model(robot: Robot, path: str | Path, payload: PayloadLink | None = N
 
 def check_export(robot: Robot, path: str | Path) -> tuple[Path, bool]:
     """Checks what does not depend on the values: returns the model file to use, and True if it is a URDF. Raises
-    ModelError: the robot has no source file, or the path's suffix is not the source's format.
+    ModelError: the robot has no source file, the path's suffix is not the source's format, or the named trunk is not
+    the file's root, so that its links' frames are not all the file's.
     """
     if robot.source is None:
         raise ModelError(f"robot {robot.name} was made in memory, there is no model file to write its values into")
@@ -79,6 +79,12 @@ def check_export(robot: Robot, path: str | Path) -> tuple[Path, bool]:
     if Path(path).suffix.lower() not in valid:
         kind = "a URDF" if is_urdf else "an MJCF"
         raise ModelError(f"{path}: the model {robot.source.name} is {kind}, it is written to {' or '.join(valid)} only")
+    root = read_model_file(robot.source, UNLIMITED).links[0].name
+    if robot.root not in (None, root):
+        raise ModelError(
+            f"{path}: the trunk {robot.root!r} is not the root {root!r} of {robot.source.name}; only a robot whose "
+            "trunk is the root, or is found without --trunk, is written to a model file"
+        )
     return robot.source, is_urdf
 
 
@@ -116,15 +122,15 @@ def _fixed_bodies(prior: Robot, file: ModelFile) -> dict[str, list[str]]:
     return fixed
 
 
-def _posed_as(robot: Robot, other: Robot) -> Robot:
-    """The other robot with its joints outside the legs where this one's are."""
-    extra = robot.extra
+def _loaded_as(robot: Robot, path: Path) -> Robot:
+    """A file's robot with the feet and the trunk of this one, and the joints outside its legs where this one's are."""
+    other, extra = load_robot(path, UNLIMITED, robot.feet, robot.root), robot.extra
     return other if extra is None else other.posed(dict(zip(extra.joints, extra.reference, strict=True)))
 
 
 def _check_reads_back(robot: Robot, written: Path, target: Path) -> None:
     try:
-        back = _posed_as(robot, load_robot(written, UNLIMITED))
+        back = _loaded_as(robot, written)
     except ModelError as error:
         raise ModelError(f"{target}: {str(error).removeprefix(f'{written}: ')}") from error
     for link in robot.tree.links:

@@ -58,7 +58,7 @@ def load_robot(
     file = read_model_file(path, limits)
     with foreign(path, "not understood as a robot", ModelError):
         robot = _understand(file if trunk is None else rooted_at(file, trunk), feet)
-    return replace(robot, name=name) if name else robot
+    return replace(robot, name=name or robot.name, feet=tuple(feet), root=trunk)
 
 
 def read_model_file(path: Path, limits: Limits = DEFAULTS) -> ModelFile:

@@ -175,7 +175,8 @@ class Robot:
         limits: by joint.
         frames: fixed frames by name, including feet and IMUs.
         shapes: primitive shapes.
-        source: the model file, None for a robot made in memory.
+        source: the model file, None for a robot made in memory. feet, root: the feet and the trunk link that its owner
+            named to load it; none, and None, where they were found.
         notes: the loader's assumptions and corrections, one sentence each.
         extra: the joints outside the legs that can move; None if there are none. Their links are part of the trunk's
             inertia, at the reference position of `extra`.
@@ -194,6 +195,8 @@ class Robot:
     extra: ExtraJoints | None = None
     dynamics_std: Mapping[str, JointDynamics] = field(default_factory=dict)
     distrust: str = ""
+    feet: tuple[str, ...] = ()
+    root: str | None = None
 
     def __post_init__(self) -> None:
         for name, keys in (("inertias", self.tree.links), ("dynamics", self.tree.joints), ("limits", self.tree.joints)):

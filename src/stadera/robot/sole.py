@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from stadera.boundary import foreign
 from stadera.errors import ModelError
 from stadera.robot.kinematics import forward_kinematics
 from stadera.robot.model import Frame, Leg, Robot
@@ -42,7 +43,7 @@ def sole(robot: Robot, leg: Leg) -> tuple[Array, float]:
     and collision meshes, with the sole as with all joints at zero.
 
     Raises:
-        ModelError: a flat foot with neither.
+        ModelError: a flat foot with neither, or a file whose collision meshes cannot be read.
     """
     if leg.contact != FLAT:
         return np.array([leg.foot_position]), foot_radius(leg)
@@ -106,7 +107,8 @@ def _geometry(path: Path) -> tuple[Any, Any]:
 
     model = pin.buildModelFromUrdf(str(path), pin.JointModelFreeFlyer())
     folders = [str(folder) for folder in path.parents]
-    return model, pin.buildGeomFromUrdf(model, str(path), pin.GeometryType.COLLISION, package_dirs=folders)
+    with foreign(path, "its collision meshes cannot be read", ModelError):  # of a file without its package
+        return model, pin.buildGeomFromUrdf(model, str(path), pin.GeometryType.COLLISION, package_dirs=folders)
 
 
 def _meshes(robot: Robot, leg: Leg) -> list[Array]:

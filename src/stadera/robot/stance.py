@@ -22,7 +22,9 @@ class StanceSettings:
     grid: tuple[int, int, int] = (3, 4, 5)  # number of starts of Newton's method for HAA, HFE, KFE
     steps: int = 30  # number of its steps at most
     largest_step: float = 0.3  # of a joint in one step [rad]
-    last_step: float = 1e-9  # of a joint, after which a start is done [rad]; the error that it leaves is its square
+    # step of a joint after which a start is done [rad], it leaves an error of its square; `reached` ends at a foot's
+    # error below it [m, 1]
+    last_step: float = 1e-9
     solved: float = 1e-8  # residual below which a solution is accepted [m and sine of an angle]
     raised: tuple[float, ...] = (0.06, 0.09, 0.04, 0.12)  # share of the leg, for legs of more than three joints
 

@@ -1,8 +1,9 @@
 """Writes a robot as USD with the physics schema: links as rigid bodies, joints with limits, drives, rotor inertia and
 friction of PhysX, as Isaac Sim and Isaac Lab read them. Needs the extra `usd`.
 
-The file is made from the robot alone: it has no meshes and no collision shapes. USD holds masses, inertias and joint
-values as 32-bit numbers, so they are kept to 7 digits. Angles are in degrees there, and damping in N·m·s/deg.
+The file is made from the robot alone: it has no meshes and no collision shapes, and joints outside the legs are
+lumped, with their links, into the trunk. USD holds masses, inertias and joint values as 32-bit numbers, so they are
+kept to 7 digits. Angles are in degrees there, and damping in N·m·s/deg.
 """
 
 from __future__ import annotations
