@@ -102,6 +102,7 @@ def test_points_and_rows_open_the_pages_that_exist() -> None:
     assert 'href="pages/' not in table.to_html()
     assert page_path("pages", "/a/b/walk.mcap") != page_path("pages", "/a/c/walk.mcap")
     assert page_path("pages", "s3://bucket/day 1/walk.mcap").name.startswith("walk-")
+    assert page_path("pages", "/a/walk_bag/").name.startswith("walk_bag-"), "a bag that is a folder"
 
 
 def test_failures_are_counted_where_nothing_stands_out() -> None:

@@ -57,3 +57,14 @@ def test_draws_are_a_table_with_all_parameters(result: Identification, tmp_path:
         result.save_draws(tmp_path / "draws.txt")
     with pytest.raises(IdentificationError):
         result.draws(0)
+
+
+def test_what_has_no_variance_is_the_estimate_s(result: Identification) -> None:
+    estimate = result.legs[0].estimate
+    values, covariance = estimate.values.copy(), estimate.covariance.copy()
+    own = np.arange(len(values))[estimate.prior.block(estimate.prior.links[0])]
+    values[own[1:]] = 0.0  # a point mass, at the border of what is possible
+    covariance[own] = covariance[:, own] = 0.0
+    found = drawn(replace(estimate, values=values, covariance=covariance), 5, np.random.default_rng(0))
+    np.testing.assert_allclose(found[:, own], np.tile(values[own], (5, 1)), rtol=1e-12, atol=1e-12)
+    assert (np.delete(found, own, axis=1).std(axis=0) > 0.0).all()

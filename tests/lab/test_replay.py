@@ -11,12 +11,14 @@ import pytest
 
 from identify.leg_runs import DRIVE, hyq, other_hyq, run
 from stadera.body.friction import presliding
-from stadera.errors import ModelError, RecordingError
+from stadera.errors import ModelError, RecordingError, UntrustedError
 from stadera.identify.legs import identify
 from stadera.identify.settings import IdentifySettings
 from stadera.lab.plant import simulate_leg
-from stadera.lab.replay import Drive, JointLaw, Replay, ReplaySettings, replay
+from stadera.lab.replay import Drive, JointLaw, Replay, ReplaySettings, _begins, _Simulated, replay
 from stadera.lab.replayed import replayed_models
+from stadera.limits import LimitError, Limits
+from stadera.logs.processing import Preprocessing, preprocess
 from stadera.logs.topics import PdGains
 from stadera.robot import Robot
 
@@ -85,8 +87,37 @@ def test_models_are_those_of_an_identification(tmp_path: Path) -> None:
     (tmp_path / "other.json").write_text("{}")
     with pytest.raises(ModelError):
         replayed_models(str(tmp_path / "other.json"), "hyq")
+    with pytest.raises(LimitError):
+        replayed_models("hyq", "hyq", limits=Limits(elements=10))
 
 
 def test_a_short_log_is_refused() -> None:
     with pytest.raises(RecordingError, match="too short"):
         replay(run(), [Drive("true", true())], settings=ReplaySettings(skip=0.97))
+    driven = preprocess(run(), Preprocessing(25.0), hyq().leg("RH").joints)
+    fitting = replace(driven, time=driven.time - driven.time[0])
+    with pytest.raises(RecordingError, match="too short"):
+        _begins(fitting, ReplaySettings(windows=(float(fitting.time[-1]),), skip=0.0))
+
+
+def test_torques_may_act_before_their_stamps_but_no_controller_s() -> None:
+    assert replayed(lag=-0.005).overall("true", 0.25) < 0.05
+    with pytest.raises(RecordingError, match=r"at its stamp or later, got a lag of -0\.005 s"):
+        replayed(lag=-0.005, gains=PdGains((200.0,), (5.0,)))
+
+
+def test_friction_of_the_load_is_known_at_once() -> None:
+    joints, time = hyq().leg("RH").joints, np.zeros(1)
+    driven = preprocess(run(), Preprocessing(25.0), joints)
+    law = {joint: JointLaw(load=(1.0, 0.0)) for joint in joints}
+    simulated = _Simulated(Drive("loaded", true(), law), joints, np.array([0.0, 0.0, 1.0]), 1e-3, None)
+    simulated.rollout(driven, float(driven.time[0]), time, 0.0)
+    assert (simulated.model.dof_frictionloss > simulated.coulomb + 0.1).any()
+
+
+def test_faults_of_the_log_are_corrected_or_refused() -> None:
+    degrees = replace(run(), position=np.degrees(run().position))
+    models = [Drive("true", true())]
+    with pytest.raises(UntrustedError):
+        replay(degrees, models, settings=SHORT)
+    assert replay(degrees, models, settings=SHORT, fix=True).overall("true", 0.5) < 0.01

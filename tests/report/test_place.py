@@ -130,6 +130,10 @@ def test_words(weighed: Weighing, rested: Weighing) -> None:
     assert how_sure(weighed) == "Good to 1.2 %. By 95 % it is between 7.80 and 8.20 kg."
     scaled = replace(weighed, payload=replace(weighed.payload, mass_std_without_scale=0.01))
     assert how_sure(scaled).startswith("Good to 1.2 %, all of it the torques' scale.")
+    exact = replace(weighed, payload=replace(weighed.payload, mass_std=0.0, mass_std_without_scale=0.0))
+    assert how_sure(exact) == "Good to 0 %. By 95 % it is between 8.00 and 8.00 kg."
+    flat = replace(weighed.payload, com_covariance=np.diag([1e-6, np.nan, np.nan]))
+    assert where(replace(weighed, payload=flat)).endswith("; its place across the trunk and height were not observed.")
     alone = replace(weighed, payload=replace(weighed.payload, mass_std_without_scale=0.0999))
     assert "hardly any of it the torques' scale" in how_sure(alone)
     assert may_be_used(weighed).startswith("With care")

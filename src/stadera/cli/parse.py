@@ -168,12 +168,14 @@ def _number(value: str, wanted: str, option: str | None = None) -> float:
 
 
 def counted(text: str | None, hint: str, count: int = 1000) -> tuple[int, Path | None]:
-    """Parses "[N=]FILE": a number above 0, and the file, None if there is no text."""
+    """Parses "[N=]FILE": a number above 0, and the file, None if there is no text. What is no number belongs to the
+    file's name.
+    """
     if text is None:
         return count, None
     number, sign, path = text.partition("=")
-    if not sign:
+    if not sign or not (number.isascii() and number.isdecimal()):
         return count, Path(text)
-    if not number.isdigit() or not int(number):
+    if not int(number):
         raise typer.BadParameter(f"{number!r} is no number above 0", param_hint=hint)
     return int(number), Path(path)

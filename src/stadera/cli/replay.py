@@ -55,10 +55,13 @@ def replay(
     except RecordingError as error:
         raise typer.BadParameter(str(error), param_hint="--gains") from None
     files.check()
-    models, stated = replayed_models(robot, against, force=force)
+    models, stated = replayed_models(robot, against, force=force, limits=options.reading.limits)
     settings = ReplaySettings(skip=skip)
     with progress() as watch:
         found = stated or 0.0 if lag is None else lag
-        result = replay_log(options.log(log), models, lag=found, gains=commanded, settings=settings, progress=watch)
+        result = replay_log(
+            options.log(log), models, lag=found, gains=commanded, settings=settings, fix=options.fix, force=force,
+            progress=watch,
+        )  # fmt: skip
     files.write_result(result)
     show(*map(rich_table, result.to_tables()[:1]))

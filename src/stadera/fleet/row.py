@@ -73,7 +73,7 @@ def process(task: Task) -> Done:
 
 def page_path(folder: str | Path, log: str) -> Path:
     """The page of a log in a folder: the log's name, and enough of a hash that no other has it."""
-    name = log.rstrip("/").rpartition("/")[2].rpartition(".")[0] or "log"
+    name = Path(log).stem or "log"
     return Path(folder) / f"{name}-{hashlib.sha256(log.encode()).hexdigest()[:8]}.html"
 
 

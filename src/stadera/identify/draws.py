@@ -54,13 +54,17 @@ def drawn(estimate: Estimate, count: int, rng: np.random.Generator) -> Array:
 
 
 def _inside(estimate: Estimate, positive: list[int]) -> Array:
-    """A point near the estimate off the border of the possible set, whose corners chains hardly leave, (n,)."""
+    """A point near the estimate off the border of the possible set, whose corners chains hardly leave, (n,). Values
+    without variance are the estimate's, as no chain would bring them back.
+    """
     prior, values = estimate.prior, estimate.values.copy()
+    varies = np.diag(estimate.covariance) > 0.0
     values[positive] = np.maximum(values[positive], 0.1 * np.sqrt(np.diag(estimate.covariance))[positive])
     for link in prior.links:
-        own = prior.block(link)
+        own = np.arange(len(values))[prior.block(link)]
+        free = own[varies[own]]
         for share in (0.0, *np.logspace(-10, 0, 21)):  # towards the model's values, which are inside
-            values[own] = estimate.values[own] + share * (prior.values[own] - estimate.values[own])
+            values[free] = estimate.values[free] + share * (prior.values[free] - estimate.values[free])
             J = np.tensordot(values[own], PSEUDO_BASIS, axes=1)
             if np.linalg.eigvalsh(J).min() > 1e-9 * np.trace(J):
                 break

@@ -24,6 +24,7 @@ import mujoco
 import numpy as np
 
 from stadera.body.friction import presliding
+from stadera.checks.guard import Guard
 from stadera.errors import RecordingError, StaderaError, require_positive
 from stadera.identify.job import carried_shares, vertical_of
 from stadera.identify.log import chunks
@@ -171,25 +172,36 @@ def replay(
     lag: float = 0.0,
     gains: PdGains | None = None,
     settings: ReplaySettings | None = None,
+    fix: bool = False,
+    force: bool = False,
     progress: Progress | None = None,
 ) -> Replay:
     """Rolls models out along a log of legs in the air.
 
     Args:
         models: of the same joints, the one to test first.
-        lag: how much later than its stamp a torque acts [s].
+        lag: how much later than its stamp a torque acts [s]; not below zero with a controller, which would have to know
+            the motion to come.
         gains: if the torques are the commands of a controller at the joints; one pair for all, or one each along a leg.
+        fix: correct units and signs of the log that are certainly wrong.
+        force: replay a log whose units or signs are wrong.
 
     Raises:
-        RecordingError: no torques, a foot that carries load, or a log that is too short.
+        RecordingError: no torques, a foot that carries load, a log that is too short, or a controller with such a lag.
+        UntrustedError: units or signs of the log are wrong, and `force` is false.
         ModelError: a model that MuJoCo cannot simulate.
     """
     asked, source = settings or ReplaySettings(), as_log(log)
     robot = models[0].robot
+    if gains is not None and _steps(lag, asked.timestep) < 0:
+        raise RecordingError(
+            f"{source.source}: a controller's torque acts at its stamp or later, got a lag of {lag:g} s"
+        )
     head = read_head(source)
     joints = tuple(j for leg in robot.legs if set(leg.joints) <= set(head.joints) for j in leg.joints)
     if not joints:
         raise RecordingError(f"{source.source}: no leg of {robot.name} is recorded with all of its joints")
+    source = Guard(robot, joints, on_feet=False).admitted(source, fix=fix, force=force)
     whole = concatenate(list(chunks(source, joints)))
     up = vertical_of(whole, robot, None).up
     shares = carried_shares(whole, robot, up)
@@ -214,11 +226,15 @@ def replay(
 def _begins(driven: Processed, settings: ReplaySettings) -> Array:
     first, last = float(driven.time[0]), float(driven.time[-1])
     begin, end = first + settings.skip * (last - first), last - max(settings.windows)
-    if end < begin:
+    if end <= begin:
         raise RecordingError(
             f"{driven.source}: {last - begin:.3g} s are left for rollouts of {max(settings.windows):g} s; too short"
         )
     return np.asarray(np.arange(begin, end, settings.every), dtype=float)
+
+
+def _steps(lag: float, timestep: float) -> int:
+    return round(lag / timestep)
 
 
 def _at(time: Array, values: Array, when: Array) -> Array:
@@ -251,12 +267,13 @@ class _Simulated:
         model, data, order = self.model, self.data, self.order
         assert driven.effort is not None
         torque = _at(driven.time, driven.effort[:, order], begin + time)
-        behind = round(lag / model.opt.timestep)
+        behind = max(_steps(lag, model.opt.timestep), 0)  # with a lag below zero there is no controller
         position = _at(driven.time, driven.position[:, order], begin + time - lag)
         rate = _at(driven.time, driven.velocity[:, order], begin + time - lag)
         mujoco.mj_resetData(model, data)
         data.qpos[:] = _at(driven.time, driven.position[:, order], begin + time[:1])[0]
         data.qvel[:] = _at(driven.time, driven.velocity[:, order], begin + time[:1])[0]
+        mujoco.mj_forward(model, data)  # friction asks for the load of this state
         slow = self.travel > 0.0
         state = self._state(driven, begin)
         path, speeds = np.empty((2, len(time), len(order)))

@@ -11,13 +11,16 @@ from stadera.boundary import foreign
 from stadera.errors import ModelError
 from stadera.identify.schema import with_identified_legs
 from stadera.lab.replay import Drive, JointLaw
+from stadera.limits import DEFAULTS, Limits
 from stadera.robot.load import load_robot
 from stadera.robot.model import JointDynamics, Robot
 
 TERMS = ("armature", "viscous", "coulomb", "offset")
 
 
-def replayed_models(tested: str, against: str, *, force: bool = False) -> tuple[tuple[Drive, ...], float | None]:
+def replayed_models(
+    tested: str, against: str, *, force: bool = False, limits: Limits = DEFAULTS
+) -> tuple[tuple[Drive, ...], float | None]:
     """The models by name, the tested one first, and the torques' lag [s] that the tested one states, if it does.
 
     Args:
@@ -26,13 +29,15 @@ def replayed_models(tested: str, against: str, *, force: bool = False) -> tuple[
             that was fitted to it.
         against: a model file or a robot's name.
         force: take an identification that is not to be trusted.
+        limits: for reading the model files.
 
     Raises:
-        ModelError: no such file, or no model. UntrustedError: a bad identification, without `force`.
+        ModelError: no such file, or no model. UntrustedError: a bad identification, without `force`. LimitError:
+            a model file exceeds the limits.
     """
-    cad = load_robot(against)
+    cad = load_robot(against, limits)
     if Path(tested).suffix.lower() != ".json":
-        return (Drive("identified", load_robot(tested)), Drive("CAD", cad)), None
+        return (Drive("identified", load_robot(tested, limits)), Drive("CAD", cad)), None
     identified = with_identified_legs(cad, tested, force)
     with foreign(Path(tested), "not the JSON of an identification (--json)", ModelError):
         value = json.loads(Path(tested).read_text(encoding="utf-8"))

@@ -87,7 +87,7 @@ class Intake:
             self._continue(sample, arrival.arrived)
 
     def completed(self) -> Recording | None:
-        """Decoded completed since the last call; None if there are fewer than two."""
+        """Samples completed since the last call; None if there are fewer than two."""
         if self._merging is None or self._layout is None:
             return None
         try:

@@ -229,7 +229,7 @@ class RowMaker:
             samples: of the blocks, with one sample more before and after them. sizes: of the blocks.
             motion: see `motion`, with the ground's normal.
             trunk: parameters at which errors of the IMU are linearised.
-            squares: (B, channels), `third_differences_squared` of each block.
+            squares: (B, channels), `mean_third_differences_squared` of each block.
             used: (B,), False for blocks that are left out, as if there were none.
 
         Returns:

@@ -102,7 +102,7 @@ class HeaderClock:
 
 
 class Track:
-    """One stream. Decoded that are no longer needed are discarded.
+    """One stream. Samples that are no longer needed are discarded.
 
     Attributes:
         name, columns: of its values, the name for messages.

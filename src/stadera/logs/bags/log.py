@@ -1,6 +1,6 @@
 """Reads bags as logs: the joints of one topic and an IMU, merged at the joints' stamps.
 
-Stamps are taken from the messages' headers. Streams with other stamps are interpolated (`alignment`). Decoded at which
+Stamps are taken from the messages' headers. Streams with other stamps are interpolated (`alignment`). Samples at which
 one of the streams has no value are dropped and reported, like blank cells of a table.
 """
 

@@ -43,7 +43,8 @@ def where(result: Weighing) -> str:
         along = ", ".join(f"{'xyz'[k]} {_millimetres(body.com, std, k)}" for k in seen)
         return f"At {along} mm in the frame of {payload.at}."
     said = [f"{_millimetres(abs(body.com), std, k)} mm {_SIDES[k][int(body.com[k] < 0.0)]}" for k in seen]
-    hidden = "" if len(seen) == 3 else f"; its {_AXES[next(k for k in range(3) if k not in seen)]} was not observed"
+    lacking = [_AXES[k] for k in range(3) if k not in seen]
+    hidden = f"; its {listed(lacking)} {'was' if len(lacking) == 1 else 'were'} not observed" if lacking else ""
     return f"{listed(said)} the trunk's origin{hidden}."
 
 
@@ -62,6 +63,8 @@ def how_sure(result: Weighing) -> str:
     between = f"By 95 % it is between {number(low, 3)} and {number(high, 3)} kg"
     if std > 0.5 * abs(mass):
         return f"{between}, which tells next to nothing."
+    if not std:
+        return f"Good to 0 %. {between}."
     share = (scale_of(mass, std, alone) or 0.0) ** 2 / (std / mass) ** 2
     words = ("hardly any", "part", "all")[(share > 1.0 - _MOST) + (share > _MOST)]
     of = "" if alone is None else f", {words} of it the torques' scale"
