@@ -36,7 +36,8 @@ def processing(result: Weighing) -> dict[str, str]:
     found = {}
     if result.torque_lag is not None:
         lag, std = result.torque_lag
-        found["Torques"] = f"torques arrive {with_std(1e3 * lag, 1e3 * std)} ms late, which is allowed for"
+        how = "lag" if lag > 0.0 else "lead"  # commands lead what joints do
+        found["Torques"] = f"torques {how} the motion by {with_std(1e3 * abs(lag), 1e3 * std)} ms, which is allowed for"
     if result.spikes:
         found["Outliers"] = f"{counted(result.spikes, 'sample')} with single wild values, which were replaced"
     if result.impacts:
