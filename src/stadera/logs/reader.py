@@ -108,11 +108,11 @@ def stream(
     log = as_log(log)
     if isinstance(log, Recording):
         return with_steps_of_motion(_chunks(_chosen(log, joints, require), rows))
-    changes = log.reading.changes
-    chunks = reader_of(log.path).stream(log, joints=sources_of(changes, joints), require=require, rows=rows)
+    changes, reader = log.reading.changes, reader_of(log.path)
+    chunks = reader.stream(log, joints=sources_of(changes, joints), require=require, rows=rows)
     if changes:
         chunks = (changed(chunk, changes, joints, first=k == 0) for k, chunk in enumerate(chunks))
-    return with_steps_of_motion(chunks)
+    return _on_one_clock(reader, chunks)
 
 
 def read_head(log: Log, joints: Sequence[str] | None = None) -> Recording:
@@ -127,10 +127,14 @@ def read(log: Log, *, joints: Sequence[str] | None = None, require: Collection[s
     log = as_log(log)
     if isinstance(log, Recording):
         return _chosen(log, joints, require)
-    changes = log.reading.changes
-    chunks = reader_of(log.path).stream(log, joints=sources_of(changes, joints), require=require, rows=None)
-    whole = changed(concatenate(tuple(chunks)), changes, joints)
-    return next(with_steps_of_motion((whole,)))
+    changes, reader = log.reading.changes, reader_of(log.path)
+    chunks = reader.stream(log, joints=sources_of(changes, joints), require=require, rows=None)
+    return next(_on_one_clock(reader, (changed(concatenate(tuple(chunks)), changes, joints),)))
+
+
+def _on_one_clock(reader: Reader, chunks: Iterable[Recording]) -> Iterator[Recording]:
+    """Corrects stamps of arrival, but for a bag: its messages are stamped as those that a running robot sends."""
+    return iter(chunks) if isinstance(reader, BagLog) else with_steps_of_motion(chunks)
 
 
 def _chosen(recording: Recording, joints: Sequence[str] | None, require: Collection[str]) -> Recording:

@@ -20,7 +20,6 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.signal import lfilter
 
 from stadera.errors import require_positive
 from stadera.logs.recording import Recording
@@ -67,6 +66,8 @@ def with_steps_of_motion(chunks: Iterable[Recording], settings: StampSettings | 
         if steps is None:  # as far off as before, so that time goes on
             yield replace(chunk, time=chunk.time - ahead) if ahead else chunk
             continue
+        from scipy.signal import lfilter  # takes longer to import than most logs to read, and few need it
+
         stamped, true = steps
         keep = 1.0 - float(stamped.mean()) / settings.memory
         error, _ = lfilter([keep], [1.0, -keep], stamped - true, zi=[keep * ahead])

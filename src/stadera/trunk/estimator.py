@@ -429,11 +429,10 @@ class TrunkEstimator:
             return
         rows = history.add(made.rows, fit.errors.mean)
         updated = fit.update(history, self._front)
-        settings = self.settings  # not in the block that also evaluates the fit
-        if (fit.due - history.blocks) % settings.changes.learnt == settings.updated // 2:
+        if fit.due - history.blocks == self.settings.updated // 2:  # not in the block that also evaluates the fit
             self._changes.detector.learn(history.aged, fit.errors)
-            self._changes.place(history, fit.errors, settings.compared)
-        held = fit.fit is not None and fit.fit.misfit > settings.bad
+            self._changes.place(history, fit.errors, self.settings.compared)
+        held = fit.fit is not None and fit.fit.misfit > self.settings.bad
         found = self._changes.look(rows, history, fit.errors, held)
         if found is Found.OTHER:
             self._end_load(self._changes.ended[0])

@@ -172,8 +172,7 @@ class ChangeSettings:
         transient: time within which a change that goes back is withdrawn [s]: nobody loads and unloads a robot that
             fast; people push and feet are caught for up to a second.
         spoilt: blocks skipped after the change, which contain both loads.
-        memory: time constant of the statistics of past averages [s]. learnt: most blocks between two updates of these,
-            which are also updated before each update of the model errors.
+        memory: time constant of the statistics of past averages [s].
         prior: standard deviation of such averages before any data, in the unit of `least_change` [1].
         outlier: distance from the median of a window at which a single block is clipped, in units of the usual scatter
             of single blocks [1]. Huber's mean: 2 costs 1 % of efficiency under Gaussian noise.
@@ -193,7 +192,6 @@ class ChangeSettings:
     transient: float = 2.0
     spoilt: int = 2
     memory: float = 10.0
-    learnt: int = 50
     prior: float = 0.005
     outlier: float = 2.0
     shifted: float = 0.005
@@ -306,8 +304,8 @@ class TrunkSettings:
     impact: float = 0.25
     stop: float = 0.015
     updated: int = 10
-    updated_late: int = 100
-    grown: float = 0.1
+    updated_late: int = 50
+    grown: float = 0.06
     evaluated: float = 1.0
     lost: float = 3.5
     bridged: float = 0.012
