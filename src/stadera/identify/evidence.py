@@ -4,7 +4,8 @@ A term is taken only if it predicts better in two ways: every other block of 1.5
 training part from the other. The fits are regularised by the prior, as the solution itself is. The term that helps most
 is taken first, and the next one is compared with what is taken. The travel x_s of presliding is the vertex of the
 held-out error of blocks over log x_s; its standard deviation is that of the vertex with one block left out at a time
-(jackknife).
+(jackknife). The shortest and the longest travel tried only bracket it: friction that is merely sharper than the
+smoothed sign of a filtered velocity, with no travel of its own, is predicted best by the shortest.
 """
 
 from __future__ import annotations
@@ -183,6 +184,12 @@ def _chosen(evidence: _Evidence, settings: VaryingSettings) -> VaryingFriction |
     def root(law: _Law) -> Array:
         return np.asarray(np.sqrt(evidence.errors(law).sum(axis=1)))
 
+    def bracketed(law: _Law, error: float) -> bool:
+        """False if a travel at the end of those tried, or next to it, predicts better: then it is not a travel."""
+        if not 1 < law.at < len(settings.travels):
+            return not law.at
+        return all(root(replace(law, at=law.at + step))[0] >= error for step in (-1, 1))
+
     least = settings.least * np.sqrt(evidence.whole.residual_squared(np.zeros(len(evidence.whole))))
     law = _Law()
     plain = best = root(law)
@@ -190,7 +197,8 @@ def _chosen(evidence: _Evidence, settings: VaryingSettings) -> VaryingFriction |
         found = []
         for candidate, gain in _more(law, settings):
             errors = root(candidate)
-            if (best - errors > np.maximum(gain * best, least)).all():
+            helps = (best - errors > np.maximum(gain * best, least)).all()
+            if helps and (candidate.at == law.at or bracketed(candidate, errors[0])):
                 found.append((float(np.sum(np.log(errors / best))), candidate, errors))
         if not found:
             break
