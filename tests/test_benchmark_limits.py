@@ -115,7 +115,7 @@ def test_law_of_errors_is_that_of_the_test_beds_draws() -> None:
 def test_true_errors_explain_the_rows_of_a_trot() -> None:
     """Each kind has the right columns and sign: without it, or with the opposite sign, more is left."""
     robot = load_robot("hyq")
-    run = simulate(robot, "trot", SimulateSettings("real-unit-gain", duration=2.5, seed=4, hold=2, rate=500.0))
+    run = simulate(robot, "trot", SimulateSettings("real-unit-gain", duration=2.5, seed=5, hold=2, rate=500.0))
     samples, (trunk, _) = Samples.of_recording(run.recording, robot), true_trunks(run.truth)
     assert run.truth.drawn is not None
     p = true_errors(robot, run.truth.drawn, samples)
