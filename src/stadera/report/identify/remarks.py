@@ -17,7 +17,7 @@ from stadera.report.trust import LEVELS, Level, trust_text
 _NUMBER = re.compile(r"(?<![\w.])\d+(?:\.\d+)?(?![\w])")
 _HEADLINES: dict[Level, str] = {
     "bad": "Do not use these numbers as they are",
-    "warning": "Worth knowing before using the numbers",
+    "warning": "Read the warnings below before using the numbers",
     "note": "Nothing stands against using the numbers",
 }
 
