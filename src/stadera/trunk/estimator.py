@@ -37,7 +37,6 @@ from stadera.trunk.load import LoadChange, Payload, without_scale
 from stadera.trunk.loads import Found, LoadChanges
 from stadera.trunk.measurement import Measurement
 from stadera.trunk.memory import Memory, MemorySettings
-from stadera.trunk.merge import TrunkEvidence
 from stadera.trunk.model import TrunkBounds, TrunkModel
 from stadera.trunk.outside import Correction, Knowledge, on_scale, with_test_weight
 from stadera.trunk.protocol import Status, TrunkEstimate, unobserved
@@ -381,20 +380,6 @@ class TrunkEstimator:
     def drives(self) -> Drives:
         """Rotor inertia, friction and torque offsets of the legs' joints."""
         return Drives.of(self.robot, self._fit.model, self._fit.errors)
-
-    @property
-    def evidence(self) -> TrunkEvidence:
-        """Information on the trunk from the rows since the last change of the load, for merging with other logs."""
-        errors = self._fit.errors
-        return TrunkEvidence(
-            self._history.current.known.scaled_noise(float(np.sqrt(errors.scatter))),
-            errors.mean,
-            errors.covariance,
-            errors.prior,
-            errors.remaining,
-            self.robot.leg_length,
-            errors.layout,
-        )
 
     @property
     def mount(self) -> ImuMount:

@@ -58,8 +58,7 @@ class Errors:
         layout: places of the errors.
         mean: (errors,). covariance: Σ (errors, errors). std: (errors,).
         start: (errors, errors), the covariance before any row, of errors that residuals show.
-        prior, remaining: (errors, errors), the covariance before loaded rows, and that of p̂'s errors with those before:
-            (P⁻¹ + M/σ²)⁻¹ is both their variance and their covariance with the prior's error.
+        prior: (errors, errors), the covariance before loaded rows.
     """
 
     def __init__(
@@ -87,10 +86,9 @@ class Errors:
         self.start = model.covariance * np.outer(scale, scale)
         self._sticking = self._held(model, swing, sticking)
         before[stuck, stuck] = self.covariance[stuck, stuck] = self._sticking
-        self.prior, self.remaining = before, self.covariance.copy()
+        self.prior = before
         if by_rest is not None:
             across = -by_rest @ self.covariance[rest, rest]
-            self.remaining[learnt, rest] = across
             self.covariance[learnt, learnt] -= across @ by_rest.T
             self.covariance[learnt, rest], self.covariance[rest, learnt] = across, across.T
         self.std: Array = np.sqrt(np.diagonal(self.covariance))

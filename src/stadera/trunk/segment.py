@@ -26,7 +26,6 @@ import numpy as np
 from scipy.linalg import lapack
 
 from stadera.constants import GRAVITY
-from stadera.information import Information, Unknowns
 from stadera.robot.model import Robot
 from stadera.trunk.error_model import ErrorLayout
 from stadera.trunk.placed import Held, Told, TrunkAndLoad, folded, told
@@ -34,7 +33,6 @@ from stadera.trunk.rows import BlockRows, Equations
 from stadera.trunk.wrench import TRUNK_MAP
 from stadera.types import Array
 
-THETA = Unknowns.of(theta=10)
 BY_FORCE: Array = TRUNK_MAP.reshape(6, 10, 12)[:, :, :3]
 """(6, 10, 3): derivatives of the trunk's matrix A by the specific force."""
 
@@ -81,7 +79,7 @@ class WeightedRows(Equations):
 
 @dataclass(frozen=True, eq=False)
 class RowMoments:
-    """Weighted sums over blocks, with the same forgetting as `Segment.known`.
+    """Weighted sums over blocks, with the same forgetting as `Segment`.
 
     Attributes:
         values: Σ of the weights; Σ a (3), the specific force in the unit of the rows; Σ a aᵀ (3, 3); and the summed
@@ -135,7 +133,7 @@ class Segment:
     Attributes:
         layout: places of the errors.
         triangle: (10, 10 + 1 + errors + loads), R, z, G and Q.
-        cost: sum of squared residuals that no trunk explains [1]. count: number of rows, with forgetting.
+        count: number of rows, with forgetting.
         white: Σ of the rows' white variance [1].
         begin: time of the first row [s].
         blocks: number of blocks.
@@ -148,7 +146,6 @@ class Segment:
     layout: ErrorLayout
     triangle: Array
     sums: RowMoments
-    cost: float = 0.0
     count: float = 0.0
     white: float = 0.0
     begin: float = np.nan
@@ -185,12 +182,11 @@ class Segment:
             below, residue = folded(below, more, sqrt(keep), loads)
         elif rows.limbs is not None:
             residue = np.vstack([residue, root * rows.limbs[:, 10:]])
-        left, moving = residue[:, 0], self.moves(rows)
+        moving = self.moves(rows)
         return Segment(
             self.layout,
             triangle,
             self.sums.add(rows, stiction, keep),
-            keep * self.cost + float(left @ left),
             keep * self.count + 6.0 * rows.weight,
             keep * self.white + rows.weight * rows.white,
             rows.time if isnan(self.begin) else self.begin,
@@ -223,12 +219,6 @@ class Segment:
     def weight(self) -> float:
         """Sum of the weights of the blocks, with forgetting [1]."""
         return float(self.sums.values[0])
-
-    @property
-    def known(self) -> Information:
-        """R, z and G as information."""
-        T, end = self.triangle, 11 + self.layout.count
-        return Information(THETA, T[:, :10], T[:, 10], T[:, 11:end], self.cost, self.count)
 
     @property
     def remainder(self) -> Array:

@@ -35,7 +35,7 @@ from stadera.weigh.reading import CheckedLog
 from stadera.weigh.result import Refusal, Stance, Timeline, Weighing, level_axes
 from stadera.weigh.settings import TestWeight, Watch, WeighSettings
 
-_MORE = ("torque_lag", "evidence", "spikes", "impacts", "drives", "balance", "vertical")
+_MORE = ("torque_lag", "spikes", "impacts", "drives", "balance", "vertical")
 """What an estimator may tell beyond the protocol, under its name in `Weighing`."""
 
 

@@ -15,7 +15,6 @@ from stadera.robot.model import Robot
 from stadera.trunk.drives import Drives
 from stadera.trunk.load import LoadChange, Payload, plain, quantity
 from stadera.trunk.memory import Memory
-from stadera.trunk.merge import TrunkEvidence
 from stadera.trunk.result import TrunkParameters
 from stadera.trust import Trust
 from stadera.types import Array, Bools
@@ -171,7 +170,6 @@ class Weighing(Result):
         balance, vertical: at the end of the last rest; None in motion.
         stance: mean pose over the log; None if the robot was never on its feet.
         notes: remarks, one sentence each.
-        evidence: the log's information on the trunk, for `stadera.trunk.merge`; None at rest.
         spikes: number of samples of which single wild values were replaced; None at rest.
         impacts: time left out because the log's rate does not resolve its impacts [s]; None at rest.
         drives: what the motion told about the joints; None at rest.
@@ -197,7 +195,6 @@ class Weighing(Result):
     stance: Stance | None = None
     vertical: Vertical | None = None
     notes: tuple[str, ...] = ()
-    evidence: TrunkEvidence | None = None
     spikes: int | None = None
     impacts: float | None = None
     drives: Drives | None = None
