@@ -15,7 +15,7 @@ from rosbags.rosbag2 import Writer as FolderWriter
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from stadera.logs import Recording
-from stadera.logs.bags.states import PUBLISHED as STATES
+from stadera.logs.bags.decode import PUBLISHED as STATES
 from stadera.logs.bags.unitree import PUBLISHED
 
 JOINT_STATE, IMU, STRING = "sensor_msgs/msg/JointState", "sensor_msgs/msg/Imu", "std_msgs/msg/String"

@@ -16,10 +16,9 @@ import numpy as np
 
 from stadera.errors import RecordingError
 from stadera.files import written_together
-from stadera.logs.batches import MOST_ROWS
+from stadera.logs.batches import MOST_ROWS, table_recordings
 from stadera.logs.columns import IMU_FRAME, TIME, layout
 from stadera.logs.recording import Recording
-from stadera.logs.tables.rows import table_recordings
 from stadera.logs.topics import AS_RECORDED, Reading, Topics
 from stadera.types import Array
 

@@ -12,10 +12,8 @@ from typing import Protocol
 
 from stadera.boundary import foreign, require_input
 from stadera.errors import RecordingError
+from stadera.logs.bags.files import McapFile, Ros1File, SqliteFile
 from stadera.logs.bags.log import BagLog
-from stadera.logs.bags.mcap import McapFile
-from stadera.logs.bags.ros1 import Ros1File
-from stadera.logs.bags.sqlite import SqliteFile
 from stadera.logs.batches import MOST_ROWS
 from stadera.logs.columns import layout
 from stadera.logs.frames import columns_of

@@ -5,7 +5,7 @@ from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import dataclass, field
 from io import BytesIO
 from pathlib import Path
-from typing import NamedTuple, Protocol, Self, TypeVar
+from typing import Any, NamedTuple, Protocol, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,8 @@ from stadera.types import Array
 Record = TypeVar("Record")
 Part = TypeVar("Part")
 Stamps = NDArray[np.int64]
+EARLIEST, LATEST = -(1 << 61), 1 << 62
+"""Range of a stamp [ns], up to the year 2116. Differences of such stamps do not overflow."""
 
 
 @dataclass(frozen=True)
@@ -205,15 +207,11 @@ def _why(error: Exception) -> str:
     return f" ({text})" if text else ""
 
 
-class _Readable(Protocol):
-    def read(self, size: int, /) -> bytes: ...
-
-
 def unpacked(data: bytes, compression: str, budget: Budget) -> bytes:
     """Unpacks a chunk stored with a compression "zstd", "lz4", "bz2"; "" or "none". LimitError if it unpacks to more
     than the budget allows, RecordingError for another compression; the libraries raise errors of many kinds.
     """
-    stream: _Readable
+    stream: Any
     match compression:
         case "" | "none":
             return data

@@ -1,26 +1,30 @@
-"""Decodes messages: joints' states and Imu of ROS 1 and 2, and Unitree's LowState.
+"""Decodes messages: joints' states and Imu of ROS 1 and 2 by rosbags, field by field, and Unitree's LowState.
 
-rosbags reads every field of a message. Of JointState and Imu in CDR, the numbers are then read by their positions while
-messages have the same layout: a header is a stamp of 8 bytes and the frame's name; everything up to the first number
-(including names of joints) is the same in successive messages of a publisher, so the numbers keep their positions:
-doubles, aligned to 8 bytes after the four of the encapsulation.
+Joints' states are found in messages of any type by the names of their fields. Known layouts, at the top of a message or
+in one of its parts:
+
+- arrays of names and of values: sensor_msgs/JointState, any_msgs/ExtendedJointState of ANYmal,
+  control_msgs/JointTrajectoryControllerState (names at the top, values in `feedback` or `actual`);
+- an array of parts with a name and values each: whole_body_state_msgs/WholeBodyState;
+- names, and for each its interfaces with their values: control_msgs/DynamicJointState of ros2_control;
+- named numbers: pal_statistics_msgs/Statistics, "state_interface.<joint>/<interface>" of ros2_control.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import re
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache
-from itertools import takewhile
+from itertools import groupby
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stadera.errors import RecordingError
 from stadera.limits import DEFAULTS
 from stadera.logs.bags.container import BagSettings, Decoded, Message, Topic
-from stadera.logs.bags.states import CHANNELS, PUBLISHED, Find, finder
 from stadera.logs.columns import IMU_COLUMNS
+from stadera.logs.columns import OTHER_CHANNELS as CHANNELS
 from stadera.types import Array
 
 if TYPE_CHECKING:
@@ -33,16 +37,36 @@ IMU_NAMES = tuple(name for names in IMU_COLUMNS.values() for name in names)
 ZSTD = b"\x28\xb5\x2f\xfd"
 """First bytes of a message that was compressed individually."""
 
-
-_LITTLE = b"\0\1\0\0"  # encapsulation of CDR in little-endian order
-_STAMP = 4 + 8  # start of the frame's name: after encapsulation and stamp
-_IMU_ORDER = np.array([13, 14, 15, 25, 26, 27, 0, 1, 2, 3])
-_UNKNOWN = ((16, slice(0, 3)), (28, slice(3, 6)), (4, slice(6, 10)))  # covariances that begin with -1, and their values
-
 Decoder = Callable[[Sequence[Message]], list[Decoded]]
 """Decodes successive messages of one topic. On damaged ones it raises errors of many kinds, and may be asked again for
 fewer of them.
 """
+
+States = tuple[tuple[str, ...], Mapping[str, Array]]
+"""Names of joints, and by channel their values (joints,), NaN for missing ones; channels may be absent."""
+
+Find = Callable[[Any], States]
+"""Extracts the joints' states from a decoded message."""
+
+_NAMES = ("name", "names", "joint_names", "joint_name")
+_WORDS = {
+    "position": ("position", "positions"),
+    "velocity": ("velocity", "velocities"),
+    "effort": ("effort", "efforts", "torque", "torques"),
+}
+_MEASURED = ("feedback", "actual")
+_STATISTIC = re.compile(r"^(?:state_interface[./])?(?P<joint>[^/]+?)[./](?P<word>\w+)$")
+_COMMAND = re.compile(r"command|desired|reference")
+
+PUBLISHED = {
+    "control_msgs/msg/DynamicJointState": "std_msgs/Header header\nstring[] joint_names\n"
+    f"InterfaceValue[] interface_values\n{'=' * 80}\nMSG: control_msgs/InterfaceValue\n"
+    "string[] interface_names\nfloat64[] values\n",
+    "pal_statistics_msgs/msg/Statistics": "std_msgs/Header header\nStatistic[] statistics\n"
+    f"{'=' * 80}\nMSG: pal_statistics_msgs/Statistic\nstring name\nfloat64 value\n",
+}
+"""Definitions of types that bags without definitions may have (https://github.com/ros-controls/control_msgs,
+https://github.com/pal-robotics/pal_statistics)."""
 
 
 def decoder(topic: Topic, encoding: str, joints: Sequence[str] | None, settings: BagSettings) -> Decoder:
@@ -57,12 +81,11 @@ def decoder(topic: Topic, encoding: str, joints: Sequence[str] | None, settings:
     deserialize = types.deserialize_ros1 if encoding == "ros1" else types.deserialize_cdr
     read = _imu if topic.kind == IMU else _states(finder(types.fielddefs, topic.kind), topic.kind)
 
-    def decode(message: Message) -> Decoded:
-        return read(message, deserialize(uncompressed(message.data), topic.kind))
+    def decode(messages: Sequence[Message]) -> list[Decoded]:
+        found = [(m, *read(m, deserialize(uncompressed(m.data), topic.kind))) for m in messages]
+        return [_together(layout, list(alike)) for layout, alike in groupby(found, key=lambda one: one[1:3])]
 
-    if encoding == "cdr" and topic.kind in (JOINT_STATE, IMU):
-        return _Repeated(decode, is_imu=topic.kind == IMU)
-    return lambda messages: [decode(message) for message in messages]
+    return decode
 
 
 def is_low_state(topic: Topic) -> bool:
@@ -103,12 +126,16 @@ def joint_columns(names: tuple[str, ...]) -> tuple[str, ...]:
     return tuple(f"{name}.{channel}" for channel in CHANNELS for name in names)
 
 
-def _states(find: Find | None, kind: str) -> Callable[[Message, Any], Decoded]:
-    """Returns a decoder of messages that contain joints' states."""
+_Read = Callable[[Message, Any], tuple[str, tuple[str, ...], int, Array]]
+"""Of a message and its content: the frame, the columns' names, the stamp [ns], and the values (columns,)."""
+
+
+def _states(find: Find | None, kind: str) -> _Read:
+    """Returns the function that reads messages with joints' states."""
     if find is None:
         raise RecordingError(f"a {kind} in this log has no joints' states: its definition is another one")
 
-    def read(message: Message, content: Any) -> Decoded:
+    def read(message: Message, content: Any) -> tuple[str, tuple[str, ...], int, Array]:
         names, channels = find(content)
         blank = np.full(len(names), np.nan)
         rows = [channels.get(channel, blank) for channel in CHANNELS]
@@ -116,14 +143,13 @@ def _states(find: Find | None, kind: str) -> Callable[[Message, Any], Decoded]:
             count = len(channels[wrong])
             raise RecordingError(f"{message.topic}: a message has {len(names)} names and {count} of {wrong}")
         values = np.concatenate([row if len(row) else blank for row in rows])
-        stamp = _stamp(content) if hasattr(content, "header") else message.received
-        return _of_one(message, stamp, "", joint_columns(names), values)
+        return "", joint_columns(names), _stamp(content) if hasattr(content, "header") else message.received, values
 
     return read
 
 
-def _imu(message: Message, content: Any) -> Decoded:
-    """Decodes an Imu, in which a covariance that begins with -1, or a quaternion of zeros, marks unknown values."""
+def _imu(_: Message, content: Any) -> tuple[str, tuple[str, ...], int, Array]:
+    """Reads an Imu, in which a covariance that begins with -1, or a quaternion of zeros, marks unknown values."""
     gyro, force, turn = content.angular_velocity, content.linear_acceleration, content.orientation
     values = np.array([gyro.x, gyro.y, gyro.z, force.x, force.y, force.z, turn.x, turn.y, turn.z, turn.w])
     if content.angular_velocity_covariance[0] == -1:
@@ -132,13 +158,14 @@ def _imu(message: Message, content: Any) -> Decoded:
         values[3:6] = np.nan
     if content.orientation_covariance[0] == -1 or not values[6:].any():
         values[6:] = np.nan
-    frame = str(content.header.frame_id).lstrip("/")
-    return _of_one(message, _stamp(content), frame, IMU_NAMES, values)
+    return str(content.header.frame_id).lstrip("/"), IMU_NAMES, _stamp(content), values
 
 
-def _of_one(message: Message, stamp: int, frame: str, columns: tuple[str, ...], values: Array) -> Decoded:
-    """The values (columns,) of one message."""
-    return Decoded(message.topic, np.array([message.received]), np.array([stamp]), frame, columns, values[None])
+def _together(layout: tuple[str, tuple[str, ...]], alike: Sequence[tuple[Any, ...]]) -> Decoded:
+    """Successive messages with the same frame and columns."""
+    messages, _, _, stamps, values = zip(*alike, strict=True)
+    received = np.array([message.received for message in messages])
+    return Decoded(messages[0].topic, received, np.array(stamps), *layout, np.array(values))
 
 
 def _stamp(content: Any) -> int:
@@ -161,74 +188,109 @@ def _types(topic: Topic, encoding: str) -> Typestore:
     return store
 
 
-class _Repeated:
-    """Reads messages by the positions of their numbers in the last one that `decode` read, if they have its layout."""
-
-    def __init__(self, decode: Callable[[Message], Decoded], *, is_imu: bool) -> None:
-        self._decode, self._is_imu = decode, is_imu
-        self._like: Decoded | None = None
-        self._data = b""  # of the message that was read
-        self._same: tuple[slice, ...] = ()  # its bytes that are the same in every message of this layout
-        self._numbers = byte_places([], 8)
-
-    def __call__(self, messages: Sequence[Message]) -> list[Decoded]:
-        found: list[Decoded] = []
-        while messages:
-            alike = list(takewhile(self._is_alike, messages))
-            if alike and self._like is not None:
-                found.append(self._by_position(alike, self._like))
-            else:
-                alike = [messages[0]]
-                found.append(self._decode(messages[0]))
-                self._learn(messages[0].data, found[-1])
-            messages = messages[len(alike) :]
+def finder(types: Mapping[str, Any], kind: str, depth: int = 2) -> Find | None:
+    """Returns the function that finds the joints' states in messages of a type, `depth` nested parts deep, by
+    definitions in rosbags' format; None if the layout is not known.
+    """
+    fields = dict(types[kind][1]) if kind in types else {}
+    found = _arrays(types, fields) or _interfaces(types, fields) or _structs(types, fields)
+    if found or not depth:
         return found
-
-    def _is_alike(self, message: Message) -> bool:
-        data, own = message.data, self._data
-        return len(data) == len(own) and all(data[part] == own[part] for part in self._same)
-
-    def _by_position(self, messages: Sequence[Message], like: Decoded) -> Decoded:
-        rows = byte_rows([message.data for message in messages])
-        numbers = numbers_at(rows, self._numbers, "<f8")
-        values = numbers[:, _IMU_ORDER] if self._is_imu else numbers
-        if self._is_imu:
-            for covariance, part in _UNKNOWN:
-                values[numbers[:, covariance] == -1.0, part] = np.nan
-            values[~values[:, 6:].any(axis=1), 6:] = np.nan
-        seconds, rest = (numbers_at(rows, byte_places([at], 4), kind)[:, 0] for at, kind in ((4, "<i4"), (8, "<u4")))
-        received = np.array([message.received for message in messages])
-        stamps = seconds.astype(np.int64) * 1_000_000_000 + rest
-        return Decoded(like.topic, received, stamps, like.frame, like.columns, values)
-
-    def _learn(self, data: bytes, samples: Decoded) -> None:
-        """Determines the positions of the numbers in messages like this one."""
-        joints = len(samples.columns) // 3
-        # an Imu has quaternion, rates and specific force, each followed by its covariance; a JointState three arrays,
-        # the second and third preceded by 8 bytes with their length
-        count = 4 + 9 + 2 * (3 + 9) if self._is_imu else 3 * joints + 2
-        first = len(data) - 8 * count
-        lengths = [] if self._is_imu else [first + 8 * joints, first + 16 * joints + 8]
-        self._data = b""
-        if data[:4] != _LITTLE or (first - 4) % 8 or first <= _STAMP or not joints:
-            return  # more data follows, or an array is empty
-        if any(data[at : at + 4] != joints.to_bytes(4, "little") for at in lengths):
-            return
-        self._like, self._data = samples, data
-        self._same = (slice(4), slice(_STAMP, first), *(slice(at, at + 4) for at in lengths))
-        self._numbers = byte_places([at for at in range(first, len(data), 8) if at not in lengths], 8)
+    for name, description in fields.items():
+        if (part := _part(description)) and (inner := finder(types, part, depth - 1)):
+            return lambda content, name=name, inner=inner: inner(getattr(content, name))  # type: ignore[misc]
+    return None
 
 
-def byte_rows(messages: Sequence[bytes]) -> NDArray[np.uint8]:
-    """The bytes of messages of one length, (messages, length)."""
-    return np.frombuffer(b"".join(messages), np.uint8).reshape(len(messages), -1)
+def _arrays(types: Mapping[str, Any], fields: Mapping[str, Any]) -> Find | None:
+    """Arrays of names and values, the values here or in a part with the measured ones."""
+    names = _first(_NAMES, [name for name in fields if _element(fields[name]) == "string"])
+    if names is None:
+        return None
+    for part in ("", *_MEASURED):
+        inside = fields if not part else dict(types[_part(fields[part])][1]) if part in fields else {}
+        given = _channels_of(inside)
+        if "position" not in given or not _element(inside[given["position"]]):
+            continue
+
+        def find(content: Any, part: str = part, given: Mapping[str, str] = given) -> States:
+            values = getattr(content, part) if part else content
+            return tuple(getattr(content, names)), {c: np.asarray(getattr(values, w)) for c, w in given.items()}
+
+        return find
+    return None
 
 
-def byte_places(offsets: Sequence[int], size: int) -> NDArray[np.int64]:
-    """Positions of the bytes of some numbers, (numbers, size)."""
-    return np.array(offsets, dtype=np.int64)[:, None] + np.arange(size)
+def _interfaces(types: Mapping[str, Any], fields: Mapping[str, Any]) -> Find | None:
+    """Names, and for each the names of its interfaces and their values."""
+    part = _element(fields.get("interface_values"))
+    if "joint_names" not in fields or part not in types:
+        return None
+    if {name for name, _ in types[part][1]} < {"interface_names", "values"}:
+        return None
+
+    def find(content: Any) -> States:
+        rows = [dict(zip(v.interface_names, v.values, strict=True)) for v in content.interface_values]
+        joints = [(n, row) for n, row in zip(content.joint_names, rows, strict=True) if "position" in row]
+        return tuple(n for n, _ in joints), {c: np.array([r.get(c, np.nan) for _, r in joints]) for c in CHANNELS}
+
+    return find
 
 
-def numbers_at(rows: NDArray[np.uint8], places: NDArray[np.int64], kind: str) -> NDArray[Any]:
-    """Numbers of a type at these positions of each row of bytes, (rows, numbers)."""
-    return rows.take(places.ravel(), axis=1).view(kind)
+def _structs(types: Mapping[str, Any], fields: Mapping[str, Any]) -> Find | None:
+    """An array of parts, each with a name and values, or with a name that states what its one value is."""
+    for field, description in fields.items():
+        part = _element(description)
+        inside = [name for name, _ in types[part][1]] if part in types else []
+        names, given = _first(_NAMES, inside), _channels_of(inside)
+        if names and "position" in given:
+
+            def find(content: Any, field: str = field, names: str = names, given: Mapping[str, str] = given) -> States:
+                parts = getattr(content, field)
+                joints = tuple(getattr(part, names) for part in parts)
+                return joints, {c: np.array([getattr(part, w) for part in parts]) for c, w in given.items()}
+
+            return find
+        if set(inside) == {"name", "value"}:
+            return lambda content, field=field: _named(getattr(content, field))  # type: ignore[misc]
+    return None
+
+
+def _named(numbers: Any) -> States:
+    """Joints' states from numbers whose names end in a joint and a channel; commands are skipped."""
+    found: dict[str, dict[str, float]] = {}
+    for number in numbers:
+        if (match := _STATISTIC.match(number.name)) and not _COMMAND.search(number.name):
+            channel = next((c for c in CHANNELS if match["word"] in _WORDS[c]), None)
+            if channel:
+                found.setdefault(match["joint"], {})[channel] = float(number.value)
+    joints = {joint: row for joint, row in found.items() if "position" in row}
+    return tuple(joints), {c: np.array([row.get(c, np.nan) for row in joints.values()]) for c in CHANNELS}
+
+
+def _first(wanted: tuple[str, ...], names: Any) -> str | None:
+    return next((name for name in wanted if name in names), None)
+
+
+def _channels_of(fields: Any) -> dict[str, str]:
+    """By channel, the field with its values, of those that there are."""
+    words = {channel: _first(_WORDS[channel], fields) for channel in CHANNELS}
+    return {channel: word for channel, word in words.items() if word is not None}
+
+
+def _part(description: Any) -> str:
+    """The type of a field that is one message; empty for others."""
+    from rosbags.interfaces import Nodetype
+
+    node, detail = description
+    return str(detail) if node == Nodetype.NAME else ""
+
+
+def _element(description: Any) -> str:
+    """The type of an array's elements; empty for fields that are no arrays."""
+    from rosbags.interfaces import Nodetype
+
+    if description is None or description[0] not in (Nodetype.ARRAY, Nodetype.SEQUENCE):
+        return ""
+    node, detail = description[1][0]
+    return str(detail if node == Nodetype.NAME else detail[0])

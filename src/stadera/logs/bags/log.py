@@ -18,7 +18,7 @@ from stadera.boundary import begins_with, foreign
 from stadera.errors import ClosedLoopError, RecordingError
 from stadera.limits import LimitError
 from stadera.logs.bags.choice import Offer, choose
-from stadera.logs.bags.container import Bag, BagSettings, Container, Decoded, Message, Stamps
+from stadera.logs.bags.container import EARLIEST, LATEST, Bag, BagSettings, Container, Decoded, Message, Stamps
 from stadera.logs.bags.decode import Decoder, decoder
 from stadera.logs.bags.merging import Merging, beginning_of, first_samples
 from stadera.logs.bags.unitree import LowStates
@@ -28,9 +28,6 @@ from stadera.logs.recording import Recording
 from stadera.logs.topics import LogFile, Reading
 from stadera.logs.units import Units
 from stadera.types import Array, Bools
-
-_EARLIEST, _LATEST = -(1 << 61), 1 << 62
-"""Range of a stamp [ns], up to the year 2116. Differences of such stamps do not overflow."""
 
 
 class BagLog:
@@ -130,7 +127,7 @@ def _decoded(messages: Sequence[Message], decode: Decoder, damaged: Counter[str]
 
 
 def _is_time(stamps: Stamps) -> Bools:
-    return np.asarray((stamps >= _EARLIEST) & (stamps < _LATEST))
+    return np.asarray((stamps >= EARLIEST) & (stamps < LATEST))
 
 
 def _batches(found: Iterable[Decoded], merging: Merging, batch: int) -> Iterator[Array]:

@@ -7,11 +7,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from stadera.errors import ClosedLoopError, RecordingError
 from stadera.joint_words import by_place, places
 from stadera.logs.bags.container import BagSettings, Decoded, Message, Topic
-from stadera.logs.bags.decode import IMU_NAMES, byte_places, byte_rows, joint_columns, numbers_at, uncompressed
+from stadera.logs.bags.decode import IMU_NAMES, joint_columns, uncompressed
 
 LOW_STATES = ("unitree_go/msg/LowState", "unitree_hg/msg/LowState")
 MOTORS = tuple(f"{leg}_{part}_joint" for leg in ("FR", "FL", "RR", "RL") for part in ("hip", "thigh", "calf"))
@@ -59,9 +60,9 @@ class LowStates:
         imu = [f"imu_state.gyroscope.{k}" for k in range(3)] + [f"imu_state.accelerometer.{k}" for k in range(3)]
         quaternion = [f"imu_state.quaternion.{k}" for k in (1, 2, 3, 0)]  # w comes first in the message
         self._start = 4 if encoding == "cdr" else 0
-        self._words = byte_places([at[name] for name in (*motors, *imu, *quaternion)], 4)
-        self._angles = byte_places([at[f"motor_state.{k}.q"] for k in range(count)], 4)
-        self._tick = byte_places([at["tick"]], 4)
+        self._words = _byte_places([at[name] for name in (*motors, *imu, *quaternion)], 4)
+        self._angles = _byte_places([at[f"motor_state.{k}.q"] for k in range(count)], 4)
+        self._tick = _byte_places([at["tick"]], 4)
         self._feet = at.get("foot_force.0")
         self._least, self._most = np.full(4, np.inf), np.full(4, -np.inf)
         self._columns = (*joint_columns(motor_names(joints, self._names)), *IMU_NAMES)
@@ -73,20 +74,20 @@ class LowStates:
         if len(set(map(len, content))) > 1 or len({self._order_of(data) for data in content}) > 1:
             raise ValueError("messages of several layouts")
         order = self._order_of(content[0])
-        body = byte_rows(content)[:, self._start :]
+        body = _byte_rows(content)[:, self._start :]
         if self._mode is not None and (body[:, self._mode] == _PARALLEL).any():
             raise ClosedLoopError(
                 f"{messages[0].topic}: ankles and waist are in mode AB (mode_pr 1): their values are those of two "
                 "motors in parallel, from which the joints' pitch and roll do not follow; record in mode PR"
             )
 
-        values = numbers_at(body, self._words, f"{order}f4").astype(np.float64)
+        values = _numbers_at(body, self._words, f"{order}f4").astype(np.float64)
         values[~values[:, -4:].any(axis=1), -4:] = np.nan
-        ticks = numbers_at(body, self._tick, f"{order}u4")[:, 0].tolist()
+        ticks = _numbers_at(body, self._tick, f"{order}u4")[:, 0].tolist()
         if not self.motors:
-            self.motors = 1 + int(np.flatnonzero(numbers_at(body, self._angles, f"{order}f4")[0]).max(initial=-1))
+            self.motors = 1 + int(np.flatnonzero(_numbers_at(body, self._angles, f"{order}f4")[0]).max(initial=-1))
         if self._feet is not None:
-            counts = numbers_at(body, byte_places([self._feet], 8), f"{order}i2")
+            counts = _numbers_at(body, _byte_places([self._feet], 8), f"{order}i2")
             self._least = np.minimum(self._least, counts.min(axis=0))
             self._most = np.maximum(self._most, counts.max(axis=0))
         received = np.array([message.received for message in messages])
@@ -220,3 +221,18 @@ def _described(types: Mapping[str, Any], description: Any, path: str) -> Iterato
             yield from _described(types, detail[0], f"{path}.{k}")
     else:
         raise RecordingError(f"{path}: a field of unknown size, which a LowState does not have")
+
+
+def _byte_rows(messages: Sequence[bytes]) -> NDArray[np.uint8]:
+    """The bytes of messages of one length, (messages, length)."""
+    return np.frombuffer(b"".join(messages), np.uint8).reshape(len(messages), -1)
+
+
+def _byte_places(offsets: Sequence[int], size: int) -> NDArray[np.int64]:
+    """Positions of the bytes of some numbers, (numbers, size)."""
+    return np.array(offsets, dtype=np.int64)[:, None] + np.arange(size)
+
+
+def _numbers_at(rows: NDArray[np.uint8], places: NDArray[np.int64], kind: str) -> NDArray[Any]:
+    """Numbers of a type at these positions of each row of bytes, (rows, numbers)."""
+    return rows.take(places.ravel(), axis=1).view(kind)

@@ -9,7 +9,6 @@ import subprocess
 import sys
 import zipfile
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import IO, Any
@@ -22,7 +21,7 @@ from stadera.errors import RecordingError
 from stadera.limits import Budget
 from stadera.logs.batches import rows_at_once
 from stadera.logs.columns import CHANNELS
-from stadera.logs.tables.rows import OpenTable, TableReader
+from stadera.logs.tables import OpenTable, TableReader
 from stadera.logs.topics import DESIRED
 from stadera.types import Array
 
@@ -32,12 +31,8 @@ _NUMBERS = "fiub"
 _DAMAGED_NPZ = "damaged NumPy file"
 
 
-@dataclass(frozen=True)
-class Column:
-    """Location of a column: an array's name, and the index in it; None for a one-dimensional array."""
-
-    array: str
-    index: int | None = None
+Column = tuple[str, int | None]
+"""Location of a column: an array's name, and the index in it; None for a one-dimensional array."""
 
 
 def columns_of_arrays(
@@ -49,9 +44,9 @@ def columns_of_arrays(
         sizes = [size for size in shape if size != 1]
         budget.require_columns(range(min(sizes) if len(sizes) == 2 else 1))
         if len(sizes) == 1:
-            found[name] = Column(name)
+            found[name] = name, None
         elif len(sizes) == 2:
-            found |= {column: Column(name, k) for k, column in enumerate(_split(name, min(sizes), joints))}
+            found |= {column: (name, k) for k, column in enumerate(_split(name, min(sizes), joints))}
     return found
 
 
@@ -80,7 +75,7 @@ class NpzTable(TableReader):
         columns = _npz_columns(budget)
 
         def batches(names: tuple[str, ...], rows: int | None) -> Iterator[Array]:
-            return _batches(_npz_arrays({columns[name].array for name in names}, budget), columns, names, budget.path)
+            return _batches(_npz_arrays({columns[name][0] for name in names}, budget), columns, names, budget.path)
 
         return OpenTable(tuple(columns), batches)
 
@@ -109,7 +104,8 @@ def _batches(
     arrays: Mapping[str, NDArray[Any]], columns: Mapping[str, Column], names: Sequence[str], path: Path
 ) -> Iterator[Array]:
     """The named columns, some rows at a time; NaN marks a blank cell, since arrays have no other mark."""
-    found = {name: _column(arrays[columns[name].array], columns[name].index) for name in names}
+    places = {name: columns[name] for name in names}
+    found = {name: _column(arrays[array], index) for name, (array, index) in places.items()}
     (first, samples), *others = ((name, len(column)) for name, column in found.items())
     if wrong := next(((name, length) for name, length in others if length != samples), None):
         raise RecordingError(f"{path}: {wrong[0]!r} has {wrong[1]} values, {first!r} has {samples}; both need as many")

@@ -16,7 +16,7 @@ from stadera.errors import RecordingError
 from stadera.limits import Budget
 from stadera.logs.batches import MOST_ROWS, rows_at_once
 from stadera.logs.columns import IMU_FRAME
-from stadera.logs.tables.rows import OpenTable, TableReader
+from stadera.logs.tables import OpenTable, TableReader
 from stadera.types import Array
 
 if TYPE_CHECKING:
