@@ -194,7 +194,7 @@ def test_tables_of_the_experiments_are_those_of_the_runs() -> None:
     assert (
         {"table1", "fig4", "fig5", "fig6", "demo"}
         <= kept
-        <= {*made.TIMES, *made.STUDIES, *made.REPLAYS, "demo", "peers", "survival"}
+        <= {*made.TIMES, *made.STUDIES, *made.REPLAYS, "demo", "peers"}
     )
     assert sum(path.stat().st_size for path in made.RESULTS.iterdir()) < 300_000
 

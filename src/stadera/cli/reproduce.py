@@ -21,10 +21,8 @@ def reproduce(
     name: Annotated[
         str,
         argument(
-            "table1..table5|fig4..fig6|inertial_share|survival|walking|alarms|reality|faults|humanoids|mini_cheetah|"
-            "all",
-            "Table or figure; all excludes the studies survival, walking, alarms, reality, faults, humanoids, "
-            "mini_cheetah.",
+            "table1..table5|fig4..fig6|inertial_share|alarms|reality|faults|humanoids|identified|mini_cheetah|all",
+            "Table or figure; all excludes the studies alarms, reality, faults, humanoids, identified, mini_cheetah.",
         ),
     ],
     folder: Annotated[Path | None, argument("FOLDER", "Folder of real logs, as --data.")] = None,
@@ -38,7 +36,7 @@ def reproduce(
     ] = None,
     seeds: Annotated[
         int | None,
-        option("N", "For walking, alarms, reality, faults, humanoids: repetitions of the whole grid.", min=1),
+        option("N", "For alarms, reality, faults, humanoids, identified: repetitions of the whole grid.", min=1),
     ] = None,
     *,
     processes: PoolOptions,

@@ -16,13 +16,13 @@ from stadera.lab.experiments.alarms import (
     SEEDS,
     Activity,
     AlarmCase,
+    Gait,
     cases,
     highest_rate,
     schedule,
     summary,
     watch,
 )
-from stadera.lab.experiments.motion import Gait
 from stadera.lab.experiments.runner import ReproduceSettings
 
 

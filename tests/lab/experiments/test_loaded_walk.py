@@ -1,14 +1,11 @@
-"""Table V and survival: what is made of their runs. The runs themselves: `tests/demo`, `tests/supervise`."""
+"""Table V: what is made of its runs. The runs themselves: `tests/demo`, `tests/supervise`."""
 
 from __future__ import annotations
-
-from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 import pytest
 
-from stadera.lab.experiments import ReproduceSettings, survival, table5
+from stadera.lab.experiments import ReproduceSettings, table5
 from stadera.lab.experiments.loaded_walk import (
     CORNERS,
     LoadedWalk,
@@ -20,7 +17,6 @@ from stadera.lab.experiments.loaded_walk import (
     weight_at,
 )
 from stadera.lab.experiments.result import ExperimentResult
-from stadera.lab.experiments.survival import SurvivalCase
 from stadera.lab.plant.payload import Tray
 from stadera.robot import load_robot
 
@@ -90,41 +86,3 @@ def test_table5_holds_c_against_the_truth():
     assert len(result.missed) == 6, "no seed is picked to meet the bound"
     papers = [r.paper for r in result.records if r.metric.startswith("(c) to (a)")]
     assert papers == [0.45, 0.20, 0.32]
-
-
-def test_survival_holds_both_ways_to_the_same_outcome():
-    """Made up: without identification robots are stuck from 200 N on; seed 3 fell with it."""
-    cases = survival.cases(ReproduceSettings())
-    assert len(set(cases)) == len(cases)
-    result = survival.summary(cases, [_made_up(c) for c in cases])
-    for metric, known, unknown in (
-        ("fell", 1, 0),
-        ("stuck or fell", 1, 0),
-        ("fell or left the support polygon", 1, 20),
-    ):
-        assert value(result, f"{metric} with identification, of 20") == known
-        assert value(result, f"{metric} without identification, of 20") == unknown
-    assert value(result, "false alarms") == 20
-    assert value(result, "changes not noticed within a cycle") > 0
-    by_load = dict(zip(survival.FULL.loads, (row[1:] for row in result.tables[0].groups[0][1]), strict=True))
-    for load, cells in by_load.items():
-        assert all(cell.good is (load < 200.0) for cell in cells)
-        assert all(("2 walked" if load < 200.0 else "2 stuck") in cell.text for cell in cells)
-
-
-def _made_up(case: SurvivalCase) -> Mapping[str, Any]:
-    outcome = "walked" if case.identify or case.load < 200.0 else "stuck"
-    if case.identify and case.seed == 3 and case.load == 100.0:
-        outcome = "fell"
-    return {
-        "outcome": outcome,
-        "reasons": [] if outcome == "walked" else ["made up"],
-        "least_margin": 0.01 if case.identify or case.load < 75.0 else -0.01,
-        "least_margin_ever": -0.02,
-        "noticed": [0.5, None] if case.identify else [None, None],
-        "alarms": 1,
-        "state": "walking",
-        "said": "",
-        "distance": 1.0,
-        "walked": 30.0,
-    }

@@ -5,6 +5,7 @@ They stand, set out, walk, turn, stop and sway at random.
 
 from __future__ import annotations
 
+import time
 import zlib
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
@@ -14,16 +15,26 @@ from typing import Any, Literal
 import numpy as np
 from scipy.stats import chi2
 
-from stadera.lab.control import Crawl, Trot, TrunkController
+from stadera.constants import GRAVITY
+from stadera.lab.control import Crawl, CrawlCommand, Shake, TestBed, Trot, TrunkController
 from stadera.lab.control.monitor import WalkMonitor, walk
 from stadera.lab.control.stand import Controller
-from stadera.lab.experiments.motion import Gait, RobotInMotion, fastest_trot, sway, walk_on
 from stadera.lab.experiments.result import CaseValues, ExperimentResult, Record
 from stadera.lab.experiments.runner import Outcome, Paper, ReproduceSettings, grouped
+from stadera.lab.plant import Plant, Sensors, estimator_model, plant_model, sensor_errors
+from stadera.lab.plant.payload import Tray
+from stadera.lab.supervise.trusted import TrustedEstimator
 from stadera.report.table import Cell, Row, TableData
 from stadera.robot import load_robot
+from stadera.robot.model import Robot
+from stadera.robot.stance import standing_configuration
+from stadera.trunk import Measurement, TrunkEstimator, TrunkModel
+from stadera.trunk.protocol import TrunkEstimate
 
 PAPER = Paper.of("alarms")
+
+Gait = Literal["crawl", "trot", "shake"]
+"""Motion of a robot; a shake is on the spot."""
 
 ROBOTS = ("hyq", "go2", "anymal_c", "b1")
 GAITS: tuple[Gait, ...] = ("trot", "crawl", "shake")
@@ -66,10 +77,14 @@ class ScheduleSettings:
     start: float = 1.0  # time for it [s]
     stop: float = 1.5  # time for it [s]
     slower: float = 2.0  # factor on all times for a crawl
+    trot: float = 0.26  # fastest trot, as a share of √(g h): 0.6 m/s for HyQ
     trot_turn: float = 0.4  # the fastest [rad/s]
     crawl_speed: float = 0.1  # the fastest [m/s]
     crawl_turn: float = 0.1  # the fastest [rad/s]
     looks: float = 0.02  # interval for evaluating the robot's activity [s]
+    # the estimator's prior: a share of the trunk's mass, and its centre off by a share of the hips' half spacing
+    light: float = 0.9
+    off: float = 0.15
     hold: int = 2  # periods for which torques are held; sensors and estimator run at 1 kHz all the same
 
 
@@ -133,20 +148,45 @@ def watch(case: AlarmCase) -> dict[str, Any]:
         "fell": None if run.monitor.fall is None else run.monitor.fall.how,
         "seconds": dict(run.seconds),
         "stepped": run.stepped,
-        "alarms": [run.alarm(change.time, change.noticed, change.mass) for change in run.motion.estimator.changes],
+        "alarms": [run.alarm(change.time, change.noticed, change.mass) for change in run.estimator.inner.changes],
         "halts": run.halts,
-        "share_of_time": run.motion.share_of_time,
+        "share_of_time": run.estimator.seconds / max(run.bed.plant.time, 1e-3),
     }
 
 
+class _Timed:
+    """An estimator and its processor time [s]."""
+
+    def __init__(self, inner: TrunkEstimator) -> None:
+        self.inner, self.seconds = inner, 0.0
+
+    def update(self, measurement: Measurement) -> None:
+        begin = time.process_time()
+        self.inner.update(measurement)
+        self.seconds += time.process_time() - begin
+
+    def estimate(self) -> TrunkEstimate:
+        return self.inner.estimate()
+
+
 class _ScheduledRun:
-    """A robot that follows its schedule."""
+    """A robot that follows its schedule, and whose controller uses the walking estimator's trunk once it is accurate
+    enough.
+    """
 
     def __init__(self, case: AlarmCase) -> None:
         self.case, self.robot = case, load_robot(case.robot)
         draw = zlib.crc32(f"{case.robot} {case.gait} {case.errors} {case.seed}".encode())
-        self.motion = RobotInMotion(self.robot, case.gait, case.errors, draw, _HOW.hold)
-        self.monitor = WalkMonitor(self.motion.bed.plant)
+        sizes = sensor_errors(case.errors)
+        real = plant_model(self.robot, sizes)
+        model = estimator_model(real, sizes, draw)
+        self.controller = _controller_of(case.gait, model, TrunkModel.prior(self.robot))
+        self.estimator = _Timed(TrunkEstimator(model, start=_wrong_start(self.robot)))
+        plant, trusted = Plant(real), TrustedEstimator(self.estimator, self.robot)
+        plant.reset(standing_configuration(self.robot))
+        sensors = Sensors(sizes, draw, self.robot)
+        self.bed = TestBed(plant, sensors, self.controller, trusted, feed_back=True, hold=_HOW.hold)
+        self.monitor = WalkMonitor(plant)
         self.seconds: dict[Doing, float] = defaultdict(float)
         self.stepped = 0.0
         self.halts: list[dict[str, Any]] = []
@@ -154,27 +194,27 @@ class _ScheduledRun:
         self._schedule = schedule(case.gait, np.random.default_rng(draw))
 
     def go(self) -> None:
-        controller, plant = self.motion.controller, self.motion.bed.plant
+        controller, plant = self.controller, self.bed.plant
         for activity in self._schedule:
             if self._did:  # a controller accepts commands after its first update
                 _command(controller, activity)
             end = min(plant.time + activity.seconds, self.case.seconds)
             while plant.time < end - 0.5 * _HOW.looks:
                 self._look(activity)
-                if walk(self.motion.bed, _HOW.looks, self.monitor) is not None:
+                if walk(self.bed, _HOW.looks, self.monitor) is not None:
                     return
             if plant.time >= self.case.seconds - _HOW.looks:
                 return
 
     def _look(self, activity: Activity) -> None:
-        controller, doing = self.motion.controller, activity.doing
+        controller, doing = self.controller, activity.doing
         stepping = _steps(controller)
         if isinstance(controller, Crawl) and controller.failed and not stepping:
             doing = "standing"
             halt = {"time": controller.events[-1].time, "reason": controller.reason}
             if halt not in self.halts:
                 self.halts.append(halt)
-        self._did.append((self.motion.bed.plant.time, doing))
+        self._did.append((self.bed.plant.time, doing))
         self.seconds[doing] += _HOW.looks
         self.stepped += _HOW.looks * stepping
 
@@ -182,6 +222,18 @@ class _ScheduledRun:
         """A reported change, and the robot's activity at its time."""
         doing = [doing for begin, doing in self._did if begin <= time] or ["standing"]
         return {"time": time, "noticed": noticed, "doing": doing[-1], "mass": mass / self.robot.mass}
+
+
+def _wrong_start(robot: Robot) -> TrunkModel:
+    prior, tray = TrunkModel.prior(robot), Tray.of(robot)
+    return TrunkModel(_HOW.light * prior.mass, prior.com_trunk + _HOW.off * np.array([*tray.half_size[:2], 0.0]))
+
+
+def _controller_of(gait: Gait, model: Robot, trunk: TrunkModel) -> Controller:
+    if gait == "trot":
+        return Trot.of(model, trunk)
+    controller = TrunkController(model, trunk=trunk)
+    return Crawl(controller) if gait == "crawl" else controller
 
 
 def _steps(controller: Controller) -> bool:
@@ -200,17 +252,20 @@ def _command(controller: Controller, activity: Activity) -> None:
         if not activity.walked:
             controller.request_stop("the schedule says so")
         elif not controller.failed or activity.doing == "start":
-            walk_on(controller, _HOW.crawl_speed * activity.ahead, _HOW.crawl_turn * activity.turn)
+            controller.command = CrawlCommand(_HOW.crawl_speed * activity.ahead, _HOW.crawl_turn * activity.turn)
+            controller.resume()
     elif isinstance(controller, Trot):
         if activity.walked:
-            walk_on(controller, fastest_trot(controller) * activity.ahead, _HOW.trot_turn * activity.turn)
+            fastest = _HOW.trot * GRAVITY * controller.settings.pendulum
+            controller.walk((fastest * activity.ahead, 0.0), _HOW.trot_turn * activity.turn)
         elif controller.stepping:
             controller.stop()
         else:
             _command(controller.controller, activity)
     elif isinstance(controller, TrunkController):
         if activity.doing == "shaking":
-            sway(controller, activity.amplitude)
+            shake = Shake.of(controller.robot, controller.reference, controller.time, activity.amplitude)
+            controller.follow(shake)
         elif activity.doing == "stop":
             controller.move(controller.reference.moved(np.zeros(3), np.zeros(3)), 0.7 * activity.seconds)
 

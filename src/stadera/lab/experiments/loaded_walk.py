@@ -1,4 +1,4 @@
-"""A crawling robot that is loaded, with or without a supervisor: for Table V, the survival study and the demo.
+"""A crawling robot that is loaded, with or without a supervisor: for Table V and the demo.
 
 The plant is MuJoCo with sensor errors; crawl, estimators and supervisor receive measurements only. The plant's truth is
 used for evaluation: how the walk ended, and the margin of the centre of mass in the support polygon.
@@ -39,7 +39,6 @@ from stadera.lab.plant import (
     SensorErrors,
     Sensors,
     SimulationError,
-    Terrain,
 )
 from stadera.lab.plant.payload import Tray
 from stadera.lab.sensors import estimator_model, plant_model
@@ -199,13 +198,11 @@ class LoadedWalkCase:
     payload: Payload | None = None  # the load added; None for none
     stand: float = 1.0  # time for which the robot stands before it walks [s]: enough to weigh the tare
     load_at: float = 5.0  # time at which it is added [s]
-    unload_at: float = np.inf  # time at which all loads are removed [s]; never by default
     supervision: Supervision = Supervision.STOPPING  # without it, controller and planner keep the model file's trunk
     seconds: float = 20.0  # of the run, standing included
     speed: float = 0.1  # [m/s], ahead
     errors: SensorErrors = STANDARD  # of the sensors
     seed: int = 0  # of all draws
-    terrain: Terrain | None = None  # None for the plane
 
     @property
     def load(self) -> InertialParameters:
@@ -237,11 +234,6 @@ class LoadedWalkOutcome:
     @cached_property
     def verdict(self) -> Verdict:
         return verdict(self.trace)
-
-    @property
-    def least_margin(self) -> float:
-        """Least margin from `evaluated_from` on [m]; NaN without data."""
-        return _least(self.margin[self.trace.time >= self._evaluated])
 
     @property
     def least_margin_ever(self) -> float:
@@ -311,7 +303,7 @@ class LoadedWalk:
         self.case, robot = case, load_robot(case.robot)
         real = plant_model(robot, case.errors)
         model = estimator_model(real, case.errors, case.seed)
-        plant = Plant(real, case.terrain)
+        plant = Plant(real)
         plant.reset(standing_configuration(robot))
         controller = TrunkController(model)
         self.crawl = Crawl(controller, command=CrawlCommand(case.speed))
@@ -321,7 +313,7 @@ class LoadedWalk:
         self._bare, self._step_time = plant.truth(), self.crawl.settings.timing(self.crawl.command).step
         effort = np.array([robot.limits[joint].effort for joint in robot.tree.joints])
         self._brake = np.where(np.isfinite(effort), effort / self.braked, 0.0)
-        events = [(case.stand, self._begin), (case.load_at, self._load), (case.unload_at, plant.remove_payload)]
+        events = [(case.stand, self._begin), (case.load_at, self._load)]
         self._events = sorted(events, key=lambda event: event[0])
         self.supervisor: StoppingSupervisor | NonstopSupervisor | None = None
         if case.supervision is Supervision.STOPPING:

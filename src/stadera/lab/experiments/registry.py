@@ -16,13 +16,11 @@ from stadera.lab.experiments import (
     legs,
     mini_cheetah,
     reality,
-    survival,
     table1,
     table2,
     table3,
     table4,
     table5,
-    walking,
 )
 from stadera.lab.experiments.legs import MissingDataError
 from stadera.lab.experiments.result import ExperimentResult, Skipped
@@ -41,8 +39,6 @@ _EXPERIMENTS = (
     table4.EXPERIMENT,
     inertial_share.EXPERIMENT,
     table5.EXPERIMENT,
-    survival.EXPERIMENT,
-    walking.EXPERIMENT,
     alarms.EXPERIMENT,
     reality.EXPERIMENT,
     faults.EXPERIMENT,
