@@ -15,7 +15,7 @@ from stadera.body.tree import State
 from stadera.errors import ModelError
 from stadera.inertia import InertialParameters
 from stadera.lab.pinocchio import pinocchio_model
-from stadera.robot import load_robot
+from stadera.robot import Robot, load_robot
 from stadera.robot.catalog import _example_robot_data
 from stadera.types import Array
 
@@ -88,8 +88,7 @@ def of_file(name: str) -> Case:
     return Case(model, body, points)
 
 
-def of_robot(name: str) -> Case:
-    robot = load_robot(name)
+def of_robot(robot: Robot) -> Case:
     model, body = pinocchio_model(robot), Body.of(robot, others=False)
     points = [(2 + leg[-1], point) for leg, point in zip(body.legs, body.points, strict=True)]
     return Case(model, body, points)
@@ -97,7 +96,7 @@ def of_robot(name: str) -> Case:
 
 @cache
 def case(name: str) -> Case:
-    return of_file(name) if name in FILES else of_robot(name)
+    return of_file(name) if name in FILES else of_robot(load_robot(name))
 
 
 def drawn(body: Body, seed: int) -> Motion:
@@ -156,12 +155,24 @@ def test_contact_forces_and_inertia_leave_the_trunks_own_wrench(name: str) -> No
     np.testing.assert_allclose(state.pace, pace, atol=1e-11)
 
 
-def test_five_joints_tell_all_of_a_flat_foots_contact_but_one_moment() -> None:
-    robot, found = load_robot("h1"), case("h1")
-    assert [leg.unfelt for leg in robot.legs] == 2 * [(1.0, 0.0, 0.0)]
-    assert [leg.unfelt_arm for leg in robot.legs] == pytest.approx(2 * [0.015])  # half the width of its feet
-    motion, rng = drawn(found.body, 0), np.random.default_rng(1)
-    forces = 0.3 * found.mass * 9.81 * rng.normal(size=(SAMPLES, 2, 6))
+@pytest.mark.parametrize(
+    ("name", "axis", "bound"),
+    [("h1", (1.0, 0.0, 0.0), 0.015), ("solo_description/robots/solo.urdf", (0.0, 1.0, 0.0), 1.0)],
+)
+def test_one_joint_less_tells_all_of_a_contact_but_one_component(
+    name: str, axis: tuple[float, float, float], bound: float
+) -> None:
+    """A humanoid's moment about the line along its sole, bounded by half its width; a quadruped's force across its
+    legs' planes, bounded by friction.
+    """
+    folder = _example_robot_data()
+    robot = load_robot(folder / name if folder is not None and "/" in name else name)
+    found = of_robot(robot)
+    assert [leg.unfelt for leg in robot.legs] == len(robot.legs) * [axis]
+    assert [leg.unfelt_bound for leg in robot.legs] == pytest.approx(len(robot.legs) * [bound])
+    motion, rng, size = drawn(found.body, 0), np.random.default_rng(1), robot.legs[0].contact
+    forces = 0.3 * found.mass * 9.81 * rng.normal(size=(SAMPLES, len(robot.legs), 6))
+    forces[..., size:] = 0.0
     b, tau, feet, _ = expected(found, motion, forces)
     state = found.body.at(motion)
     own = rows(found.body, state, tau)
@@ -170,7 +181,8 @@ def test_five_joints_tell_all_of_a_flat_foots_contact_but_one_moment() -> None:
         q = np.concatenate([np.zeros(6), [1.0], motion.position[k]])
         pin.forwardKinematics(found.model, data, q)
         for leg, (joint, _) in enumerate(found.points):
-            own[k] += (data.oMi[joint].rotation @ found.body.about[leg] @ forces[k, leg, 3:]) * state.unfelt[k, leg]
+            last = forces[k, leg, size - 3 : size]
+            own[k] += (data.oMi[joint].rotation @ found.body.about[leg] @ last) * state.unfelt[k, leg]
     assert np.abs(own - rows(found.body, state, tau)).max() > 10.0
     np.testing.assert_allclose(own, b, atol=1e-9 * float(np.abs(tau).max()), rtol=0.0)
     np.testing.assert_allclose(state.feet, feet, atol=1e-12)

@@ -135,9 +135,58 @@ def test_a_flat_foot_whose_meshes_are_missing_has_the_sole_of_an_unknown_one(tmp
     assert text.count("package://nowhere") == 2
     robot = load_robot(write(tmp_path, text))
     for leg in robot.legs:
-        assert leg.unfelt_arm == pytest.approx(0.06 * robot.leg_length)  # half a sole's width
+        assert leg.unfelt_bound == pytest.approx(0.06 * robot.leg_length)  # half a sole's width
+        assert any(f"foot {leg.foot}: the size of its sole is not known, taken as" in note for note in robot.notes)
     with pytest.raises(ModelError, match="collision meshes cannot be read"):
         sole(robot, robot.legs[0])
+
+
+def wheeled(wheel: str, kind: str = "continuous") -> str:
+    """The toy quadruped with wheels on its shanks, off the middle of their axles."""
+    legs = "".join(
+        urdf_leg(name.lower(), corner, "")
+        + urdf_joint(f"{name}_d", f"{name.lower()}_shank", f"{name}_roll", "0 0 -0.3", "0 1 0", kind)
+        + urdf_link(f"{name}_roll", 0.5, wheel)
+        for name, corner in CORNERS.items()
+    )
+    return urdf(legs)
+
+
+def test_wheels_touch_below_their_axles(tmp_path: Path) -> None:
+    rim = '<geometry><cylinder radius="0.07" length="0.04"/></geometry>'
+    rim = f'<collision><origin xyz="0 0.02 0" rpy="1.5707963 0 0"/>{rim}</collision>'
+    robot = load_robot(write(tmp_path, wheeled(rim)))
+    assert [(leg.name, len(leg.joints), leg.contact) for leg in robot.legs] == [(name, 4, 3) for name in LEG_NAMES]
+    assert robot.legs[0].foot_position == (0.0, 0.02, 0.0)
+    assert robot.legs[0].foot_radius == 0.07
+    assert "a wheel of 70 mm radius" in robot.notes[-1]
+    told = _refused(write(tmp_path, wheeled("")))
+    assert "leg LF: it ends in the wheel 'LF_roll', and neither a cylinder nor a mesh tells its radius" in told
+
+
+def test_legs_of_two_joints_are_legs_if_all_are(tmp_path: Path) -> None:
+    """Hips that do not abduct: the force across the leg's plane is what no joint tells."""
+    hips = re.compile(r'(<joint name="\w+_a" type=)"revolute"')
+    robot = load_robot(write(tmp_path, hips.sub(r'\1"fixed"', quadruped())))
+    assert [(leg.name, len(leg.joints)) for leg in robot.legs] == [(name, 2) for name in LEG_NAMES]
+    assert {leg.unfelt for leg in robot.legs} == {(0.0, 1.0, 0.0)}
+    assert robot.leg_length == pytest.approx(0.6)
+    assert (robot.feet, robot.quadruped) == ((), False)
+    told = _refused(write(tmp_path, hips.sub(r'\1"fixed"', quadruped(), count=1)))
+    assert "leg LF at joint 'lf_b' has 2 joints" in told
+
+
+def test_a_closed_loop_in_a_leg_is_refused(tmp_path: Path) -> None:
+    """As of an ankle that a rod drives; a tie to the world holds the robot and closes none."""
+    for tie, refused in (("LF_shank", True), ("world", False)):
+        tied = f'<equality><connect body1="LF_hip" body2="{tie}" anchor="0 0 0"/></equality><actuator>'
+        path = write(tmp_path, mjcf().replace("<actuator>", tied), "toy.xml")
+        if refused:
+            assert "'LF_hip' and 'LF_shank' are connected too, a closed loop with the legs' joints LF_b, LF_c" in (
+                _refused(path)
+            )
+        else:
+            assert len(load_robot(path).legs) == 4
 
 
 def test_the_owner_names_the_feet_where_legs_are_no_others_than_arms(tmp_path: Path) -> None:
@@ -151,7 +200,7 @@ def test_the_owner_names_the_feet_where_legs_are_no_others_than_arms(tmp_path: P
     whole = load_robot(path, feet=("rh_shank", "lf_shank", "rf_shank", "lh_shank"))
     assert [leg.name for leg in whole.legs] == ["LF", "RF", "LH", "RH"]
     for feet, said in (
-        (("lf_shank", "lf_thigh"), "hang from the same joint 'lf_a'|three or more revolute joints"),
+        (("lf_shank", "lf_thigh"), "hang from the same joint 'lf_a'|two or more revolute joints"),
         (("lf_shank",), "two feet or more"),
         (("base", "lf_shank"), "these are none"),
     ):

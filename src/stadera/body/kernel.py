@@ -189,9 +189,9 @@ def map_leg(
     a point with `size` components. Returns det J, or √(det J Jᵀ) of a leg with more joints than that.
 
     Jᵀ has the rows s x (p - o) and, of a contact that transmits moments, s. With more joints than components the force
-    is that of least squares, (J Jᵀ)⁻¹ J (h - τ). With one joint less a joint without mass at the contact, that turns
-    `about` an axis, completes J; its own column of E, for a unit of the contact's moment about that axis, is written
-    into `unfelt`. `rooms`: (4, n, n), scratch.
+    is that of least squares, (J Jᵀ)⁻¹ J (h - τ). With one joint less a joint without mass at the contact completes
+    J, that turns `about` an axis, or of a point foot slides along it; its own column of E, for a unit of the contact's
+    moment about that axis or force along it, is written into `unfelt`. `rooms`: (4, n, n), scratch.
     """
     rows = max(n, size)
     J = rooms[0, :rows, :size]
@@ -201,8 +201,9 @@ def map_leg(
         if size == 6:
             J[k, 3], J[k, 4], J[k, 5] = of(s, j)
     if n < size:
-        J[n, 0], J[n, 1], J[n, 2] = 0.0, 0.0, 0.0
-        J[n, 3], J[n, 4], J[n, 5] = about
+        for c in range(3):
+            J[n, c] = 0.0
+        J[n, size - 3], J[n, size - 2], J[n, size - 1] = about
     to_force = rooms[1, :size, :rows]
     if n <= size:
         volume = inverse(J, to_force)

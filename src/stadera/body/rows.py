@@ -60,6 +60,16 @@ class Rows:
         return np.asarray(self.reduced @ (values if self.mixing is None else self.mixing @ values))
 
 
+def discounted(rows: Array, errors: Array) -> Array:
+    """Rows (..., k, n) of unit noise with errors E p, E (..., k, m) and p of unit variance that changes from one set of
+    rows to the next, as rows of unit noise: (1 + E Eᵀ)^-1/2 times them. So what E hides counts for next to nothing.
+    """
+    if not errors.any():
+        return rows
+    value, vector = np.linalg.eigh(errors @ errors.swapaxes(-1, -2))
+    return np.asarray((vector / np.sqrt(1.0 + value)[..., None, :]) @ (vector.swapaxes(-1, -2) @ rows))
+
+
 def stack(rows: Sequence[Rows], columns: tuple[str, ...]) -> Rows:
     """Concatenates several sets of rows into one dense set over `columns`; columns that a set lacks are zero in it."""
     index = {name: k for k, name in enumerate(columns)}

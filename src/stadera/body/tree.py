@@ -3,9 +3,10 @@
 A leg with contact forces f obeys h = τ + Jᵀ f, with τ the torques of the actuators, h what its rigid bodies, rotors and
 friction need in this motion, and J the Jacobian of its contact for a held trunk. A leg has at least as many joints as
 its contact has components, three for a point and six for a flat foot, so the force follows from its own joints, in
-contact or not, f = J^-T (h - τ). Five joints do not tell the moment about one axis of a flat foot: it is taken to be
-zero, as of one more joint there without mass, and `State.unfelt` is what a unit of it does. The trunk's inertial wrench
-is that of the contacts minus that of all other links' own inertia. With w_j the inertial wrench of link j and p_l the
+contact or not, f = J^-T (h - τ). Five joints do not tell the moment about one axis of a flat foot, nor two joints the
+force along one axis of a point foot: it is taken to be zero, as of one more joint there without mass, and
+`State.unfelt` is what a unit of it does. The trunk's inertial wrench is that of the contacts minus that of all other
+links' own inertia. With w_j the inertial wrench of link j and p_l the
 contact of leg l, force above moment about the trunk's origin,
 
     A(a, α, ω) θ = b,      b = Σ_l [f_l ; m_l + p_l x f_l] - Σ_j w_j = Σ_k E_k (h_k - τ_k) - Σ_j w_j
@@ -73,7 +74,8 @@ class State:
         inertial: (N, L + 1, 6) [N, N·m], wrenches of the links of each leg and, last, of all other links.
         to_wrench: (N, n, 6), E; zero for joints outside the legs.
         columns: (N, n, 6, 10), derivatives of b by the ten parameters of each link; empty if not asked for.
-        unfelt: (N, L, 6), the trunk's wrench for a unit of the contact's moment `Body.about`; zero of other legs.
+        unfelt: (N, L, 6), the trunk's wrench for a unit of the contact's moment about or force along `Body.about`; zero
+            of other legs.
         feet: (N, L, 3) [m], centres of the feet. pace: (N, L, 3) [m/s], ω x p + J q̇.
         volume: (N, L), det J, near zero where a leg is singular.
         origin, axis: (N, n, 3), of the joints.
@@ -103,7 +105,7 @@ class Body:
         armature, viscous, coulomb, offset: (n,) [kg·m², N·m·s/rad, N·m, N·m], of the joints; zero outside the tree.
         legs: joints of each leg, from the trunk outwards.
         sizes: (L,), components of each leg's contact, 3 or 6. points: (L, 3) [m], in the last link; radii: (L,) [m].
-        about: (L, 3), in the last link, axis of the moment that a leg of five joints does not tell; zero of other legs.
+        about: (L, 3), in the last link, `Leg.unfelt`.
         lumped: (10,), links outside the legs that the trunk's parameters contain at a reference position.
 
     Raises:

@@ -27,7 +27,7 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
-from stadera.body import Body, Motion, State
+from stadera.body import Body, Motion, State, discounted
 from stadera.checks.instants import Instants
 from stadera.checks.limits import CheckLimits
 from stadera.constants import GRAVITY
@@ -159,14 +159,17 @@ class Footing:
         a, length, group = self.specific_force, self.robot.leg_length, self.blocks.group
         if not len(a):
             return np.empty(0)
-        b, none = self.target * np.array([1.0, 1.0, 1.0, *[1.0 / length] * 3]), np.zeros((len(a), 3, 3))
+        scale, none = np.array([1.0, 1.0, 1.0, *[length] * 3]), np.zeros((len(a), 3, 3))
         A = np.concatenate([np.dstack([a, none]), np.dstack([none[..., 0], -skews(a) / length])], axis=1)
+        least = self.limits.unbalance * self.weight
+        hidden = self.state.unfelt.swapaxes(1, 2) * self.robot.unfelt_std / (least * scale[:, None])
+        A, b = np.split(discounted(np.dstack([A, self.target / scale]), hidden), [-1], axis=2)
         first, count = np.unique(group, return_index=True, return_counts=True)[1:]
         squares = np.add.reduceat(A.transpose(0, 2, 1) @ A, first)
-        along = np.add.reduceat((A.transpose(0, 2, 1) @ b[..., None])[..., 0], first)
+        along = np.add.reduceat((A.transpose(0, 2, 1) @ b)[..., 0], first)
         solution = (np.linalg.pinv(squares, rcond=1e-12, hermitian=True) @ along[..., None])[..., 0]
-        left = b - (A @ np.repeat(solution, count, axis=0)[..., None])[..., 0]
-        cost = np.log1p((left**2).sum(axis=1) / (self.limits.unbalance * self.weight) ** 2)
+        left = b[..., 0] - (A @ np.repeat(solution, count, axis=0)[..., None])[..., 0]
+        cost = np.log1p((left**2).sum(axis=1) / least**2)
         return np.where(np.repeat(count >= self.limits.fewest, count), cost, np.nan)
 
     def costs(self, other: Footing) -> tuple[Array, Array]:

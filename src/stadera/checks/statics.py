@@ -20,7 +20,7 @@ from stadera.checks.limits import CheckLimits
 from stadera.checks.residual import Footing, body_of, unit
 from stadera.constants import GRAVITY
 from stadera.robot.model import Robot
-from stadera.robot.stance import standing_configuration
+from stadera.robot.stance import usual_configuration
 from stadera.trunk.ground import ground_normal
 from stadera.types import Array
 
@@ -170,7 +170,7 @@ class Consistency:
 
 def _size(robot: Robot) -> float:
     body, still, none = body_of(robot), np.zeros((1, len(robot.tree.joints))), np.zeros((1, 3))
-    q = standing_configuration(robot)[None]
+    q = usual_configuration(robot)[None]
     feet = body.at(Motion(q, still, still, none, none, none, np.array([0.0, 0.0, 1.0]))).feet[0]
     return max(0.5 * float(np.linalg.norm(np.ptp(feet[:, :2], axis=0))), 0.25 * robot.leg_length)
 

@@ -43,7 +43,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from stadera.body import Motion, State
+from stadera.body import Motion, State, discounted
 from stadera.body.friction import direction
 from stadera.checks.hypotheses import Hypothesis, Order, mirrors, torque_orders
 from stadera.checks.limits import CheckLimits
@@ -88,6 +88,7 @@ class TrunkRows:
     footing: Footing
     motion: Motion
     state: State
+    hidden: Array  # (n, 6, L), what no joint tells of the contacts, of unit variance
     displaced: list[State]  # with the k-th joints of all legs displaced by `_STEP`
     matrix: Array  # (6 n, 10), A, with θ in units of the robot's mass and leg length
     by_force: Array  # (6, 3), of the trunk's wrench by the specific force
@@ -111,15 +112,18 @@ class TrunkRows:
         trunk = robot.inertias[robot.trunk]
         scale = 0.01 * footing.weight * np.array([1.0, 1.0, 1.0, *[length] * 3])[:, None]
         A = (TRUNK_MAP @ trunk_signals(a.T, omega.T, alpha.T)).T.reshape(-1, 6, 10) / scale
+        state = body.at(motion)
+        hidden = state.unfelt.swapaxes(1, 2) * robot.unfelt_std / scale
         size = robot.mass * np.array([1.0, *[0.5 * length] * 3, *[0.5 * length**2] * 6])
         model = ErrorModel(robot, ModelErrors(), length)
         chosen = np.concatenate([np.arange(model.layout.count)[model.layout.places[name]] for name in _ERRORS])
         return cls(
             footing,
             motion,
-            body.at(motion),
+            state,
+            hidden,
             [body.at(motion._replace(position=b.position + shift)) for shift in shifts],
-            (A * size).reshape(-1, 10),
+            discounted(A * size, hidden).reshape(-1, 10),
             wrench_of_specific_force(trunk.mass, trunk.first_moment) + fed.inertial.sum(axis=1).T,
             scale,
             np.linalg.cholesky(model.covariance[np.ix_(chosen, chosen)]),
@@ -141,14 +145,14 @@ class TrunkRows:
         parts = [own.sum(axis=1)[..., None], *(-E * x[:, None] for x in terms)]
         parts += [self.by_force @ skews(motion.specific_force), np.tile(-self.by_force, (len(E), 1, 1))]
         parts += [-E * torque[:, None], (E @ rate[..., None]), np.moveaxis(by_joint, 0, 2)]
-        columns = (np.concatenate(parts, axis=2) / self.scale).reshape(6 * len(E), -1)
+        columns = discounted(np.concatenate(parts, axis=2) / self.scale, self.hidden).reshape(6 * len(E), -1)
         return np.hstack([columns[:, :1], columns[:, 1:] @ self.root])
 
     @cached_property
     def steps(self) -> Array:
         """(6 n, J), of an offset of each torque by its limit."""
         steps = -np.moveaxis(self.state.to_wrench[:, self.footing.body.in_legs], 1, 2) * self.limit / self.scale
-        return np.asarray(steps.reshape(-1, len(self.limit)))
+        return np.asarray(discounted(steps, self.hidden).reshape(-1, len(self.limit)))
 
     @cached_property
     def _seconds(self) -> tuple[NDArray[np.int64], ...]:

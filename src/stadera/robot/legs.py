@@ -1,5 +1,6 @@
 """Finds the legs of a model file: four chains of three revolute joints on the trunk, identified by name or
-position; else all chains that reach down from the trunk, of any number of revolute joints from three on.
+position; else all chains that reach down from the trunk, of any number of revolute joints from three on, or of two if
+there are no others.
 """
 
 from collections.abc import Mapping, Sequence
@@ -11,11 +12,12 @@ from stadera.errors import ModelError, require_known
 from stadera.joint_words import leg_of, words
 from stadera.robot.model import LEG_NAMES
 from stadera.robot.modelfile import ModelFile
+from stadera.robot.shapes import FLAT
 from stadera.types import Array
 
 _FEWEST = 2  # legs of a robot that stands
 _REACH = 0.5  # depth of a leg's last joint below the trunk, in the model's zero pose, as a share of the deepest one's
-_SHORTEST = 3  # joints of a leg: as many as a point contact has components
+_SHORTEST = 2  # joints of a leg: one less than a point contact has components
 
 
 @dataclass(frozen=True)
@@ -31,11 +33,11 @@ def find_legs(file: ModelFile, feet: Sequence[str] = ()) -> tuple[tuple[Chain, .
     """The legs and notes on assumptions made, of a quadruped in the order LF, RF, LH, RH; ModelError if there are none,
     or if a leg of a quadruped is not one.
 
-    A quadruped's leg is a chain of exactly three revolute joints that starts at the trunk (branches, such as rotors,
-    are ignored). Its name comes from its joints' names (lf_haa_joint, FL_hip, hr.hx); if these are unclear or clash,
-    from the position of its hip (x forward, y left in the trunk frame). If names and positions disagree, the names are
-    used, because a log's columns carry them, and a note says so. With `feet`, links or frames, legs are the chains of
-    revolute joints from the trunk to these; UnknownNameError if there is no such link.
+    A quadruped's leg is a chain of exactly three revolute joints, or of two on all, that starts at the trunk (branches,
+    such as rotors, are ignored). Its name comes from its joints' names (lf_haa_joint, FL_hip, hr.hx); if these are
+    unclear or clash, from the position of its hip (x forward, y left in the trunk frame). If names and positions
+    disagree, the names are used, because a log's columns carry them, and a note says so. With `feet`, links or frames,
+    legs are the chains of revolute joints from the trunk to these; UnknownNameError if there is no such link.
     """
     if feet:
         return _to_feet(file, feet)
@@ -46,15 +48,14 @@ def find_legs(file: ModelFile, feet: Sequence[str] = ()) -> tuple[tuple[Chain, .
     named = {chain: name for chain, name in legs.items() if name}
     if len(legs) > 4 and sorted(named.values()) == sorted(LEG_NAMES):
         legs = named
+    found = [list(chain) for chain in legs]
     if len(legs) != 4:
-        broken = any(_name_from_words(file, chain) for chain in chains if tuple(chain) not in legs and len(chain) < 6)
-        others = [] if broken else _reaching_down(file, poses, chains)
-        if len(others) < _FEWEST:
+        named_ones = (chain for chain in chains if _name_from_words(file, chain) and len(chain) < FLAT)
+        kinds = {(len(chain), _turns(file, chain)) for chain in named_ones}
+        found = [] if len(kinds) > 1 else _reaching_down(file, poses, chains)
+        if len(found) < _FEWEST:
             raise ModelError(_not_four(file, chains, len(legs)))
-        return tuple(map(Chain, _own_names(file, others), map(tuple, others))), ()
-    names, notes = _choose_names(file, list(legs), list(legs.values()))
-    found = [Chain(name, (a, b, c)) for name, (a, b, c) in zip(names, legs, strict=True)]
-    return tuple(sorted(found, key=lambda chain: LEG_NAMES.index(chain.name))), notes
+    return _named(file, found, [None] * len(found))
 
 
 def _to_feet(file: ModelFile, feet: Sequence[str]) -> tuple[tuple[Chain, ...], tuple[str, ...]]:
@@ -71,7 +72,7 @@ def _to_feet(file: ModelFile, feet: Sequence[str]) -> tuple[tuple[Chain, ...], t
         if len(chain) < _SHORTEST or not _turns(file, chain):
             joints = ", ".join(file.joint(k).name for k in chain) or "none"
             raise ModelError(
-                f"{file.path}: foot {foot!r}: a leg has three or more revolute joints between trunk {file.trunk!r} and "
+                f"{file.path}: foot {foot!r}: a leg has two or more revolute joints between trunk {file.trunk!r} and "
                 f"foot, these are {joints}"
             )
         if shared := [k for k in chain if k in used]:
@@ -79,11 +80,20 @@ def _to_feet(file: ModelFile, feet: Sequence[str]) -> tuple[tuple[Chain, ...], t
             raise ModelError(f"{file.path}: feet {both} hang from the same joint {joint!r}")
         used |= dict.fromkeys(chain, foot)
         found.append(chain)
-    names, notes, order = _own_names(file, found), tuple[str, ...](), list(range(len(found)))
-    if len(found) == 4 and all(len(chain) == 3 for chain in found):
+    return _named(file, found, feet)
+
+
+def _named(
+    file: ModelFile, found: Sequence[Sequence[int]], feet: Sequence[str | None]
+) -> tuple[tuple[Chain, ...], tuple[str, ...]]:
+    """The chains with their names, and notes on these; in the order LF, RF, LH, RH if they have such names."""
+    names, notes = _own_names(file, found), tuple[str, ...]()
+    if len(found) == 4 and all(len(chain) <= 3 for chain in found):
         names, notes = _choose_names(file, found, [_name_from_words(file, chain) for chain in found])
-        order.sort(key=lambda k: LEG_NAMES.index(names[k]))
-    return tuple(Chain(names[k], tuple(found[k]), feet[k]) for k in order), notes
+    legs = [Chain(name, tuple(chain), foot) for name, chain, foot in zip(names, found, feet, strict=True)]
+    if sorted(names) == sorted(LEG_NAMES):
+        legs.sort(key=lambda leg: LEG_NAMES.index(leg.name))
+    return tuple(legs), notes
 
 
 def _choose_names(
@@ -124,11 +134,14 @@ def _name_from_words(file: ModelFile, chain: Sequence[int]) -> str:
 
 
 def _reaching_down(file: ModelFile, poses: list[tuple[int, Array, Array]], chains: list[list[int]]) -> list[list[int]]:
-    """The chains of revolute joints that end far below the trunk in the model's zero pose."""
+    """The chains of revolute joints that end far below the trunk in the model's zero pose; without those of two joints
+    if there are longer ones.
+    """
     turning = [chain for chain in chains if len(chain) >= _SHORTEST and _turns(file, chain)]
     depth = [-float(poses[chain[-1]][2][2]) for chain in turning]
     deepest = max(depth, default=0.0)
-    return [chain for chain, down in zip(turning, depth, strict=True) if down > _REACH * max(deepest, 1e-3)]
+    down = [chain for chain, own in zip(turning, depth, strict=True) if own > _REACH * max(deepest, 1e-3)]
+    return [chain for chain in down if len(chain) > _SHORTEST] or down
 
 
 def _own_names(file: ModelFile, legs: Sequence[Sequence[int]]) -> list[str]:

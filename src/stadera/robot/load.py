@@ -11,6 +11,7 @@ import numpy as np
 from stadera.boundary import foreign, require_input
 from stadera.errors import MissingExtraError, ModelError, RecordingError, StaderaError
 from stadera.inertia import InertialParameters
+from stadera.joint_words import words
 from stadera.limits import DEFAULTS, Limits
 from stadera.robot.catalog import CATALOG, resolve
 from stadera.robot.extra import ExtraJoints
@@ -20,7 +21,7 @@ from stadera.robot.modelfile import ModelFile
 from stadera.robot.rooted import rooted_at
 from stadera.robot.sense import check_sense, checked_limits
 from stadera.robot.shapes import FLAT, find_foot, find_sole, fitted_shapes
-from stadera.robot.sole import with_unfelt_moments
+from stadera.robot.sole import find_wheel, with_unfelt
 from stadera.robot.xml import Document, read_xml
 from stadera.types import Array, Progress
 
@@ -46,9 +47,9 @@ def load_robot(
         UnknownNameError: neither a known name nor a file, or no such foot or trunk in it.
         LimitError: the file exceeds the limits.
         MissingExtraError: the package that contains this named robot, or MuJoCo for an MJCF, is not installed.
-        ModelError: the file cannot be read, or has no legs: chains of three or more revolute joints that reach down
+        ModelError: the file cannot be read, or has no legs: chains of two or more revolute joints that reach down
             from the trunk. Legs of six joints or more, or of five without a ball at their end, have flat feet, others
-            point feet.
+            point feet, and wheels touch below their axles.
     """
     if isinstance(source, Robot):
         return source
@@ -95,6 +96,7 @@ def parse_xml(path: Path, limits: Limits = DEFAULTS) -> Document:
 def _understand(file: ModelFile, feet: Sequence[str]) -> Robot:
     chains, notes = find_legs(file, feet)
     order = [k for chain in chains for k in chain.links]
+    file.require_open(order)
     locked = [file.joint(k).name for k in file.joints if k not in order]
     if locked:
         held = "belong to no leg, so their links are lumped into their parents, at zero unless a log says otherwise"
@@ -120,7 +122,7 @@ def _understand(file: ModelFile, feet: Sequence[str]) -> Robot:
         notes=(*notes, *foot_notes, *limit_notes),
         extra=_extra(file, order),
     )
-    return with_unfelt_moments(replace(robot, notes=(*robot.notes, *check_sense(robot))))
+    return with_unfelt(replace(robot, notes=(*robot.notes, *check_sense(robot))))
 
 
 def _extra(file: ModelFile, of_legs: Collection[int]) -> ExtraJoints | None:
@@ -196,15 +198,30 @@ def _legs(
     for chain in chains:
         joints, links = tuple(file.joint(k).name for k in chain.links), tuple(file.links[k].name for k in chain.links)
         balls = any(shape.link == links[-1] and shape.kind == "sphere" for shape in shapes)
-        flat = len(joints) >= FLAT or (len(joints) == FLAT - 1 and not balls)
-        find = find_sole if flat else find_foot
+        wheel = _is_wheel(file, chain)
+        flat = not wheel and (len(joints) >= FLAT or (len(joints) == FLAT - 1 and not balls))
+        named = chain.foot if chain.foot != links[-1] else None
         try:
-            foot = find(links[-1], frames, shapes, chain.foot if chain.foot != links[-1] else None)
+            if wheel:
+                foot = find_wheel(file.path, links[-1], file.joint(chain.links[-1]), shapes)
+            else:
+                foot = (find_sole if flat else find_foot)(links[-1], frames, shapes, named)
         except ModelError as error:
             raise ModelError(f"{file.path}: leg {chain.name}: {error}") from error
         legs.append(Leg(chain.name, joints, links, foot.frame, foot.position, foot.radius, FLAT if flat else 3))
         feet_by_note.setdefault(foot.note, []).append(foot.frame)
     return tuple(legs), [f"foot {', '.join(feet)}: {note}" for note, feet in feet_by_note.items() if note]
+
+
+def _is_wheel(file: ModelFile, chain: Chain) -> bool:
+    """True if a leg's last link is called a wheel, or is a fourth one or further that turns without limits, unlike the
+    others.
+    """
+    *others, last = (file.joint(k) for k in chain.links)
+    endless = last.limits.upper == np.inf and all(joint.limits.upper < np.inf for joint in others)
+    return (endless and len(others) >= 3) or any(
+        "wheel" in words(name) for name in (last.name, file.links[chain.links[-1]].name)
+    )
 
 
 def _limits(file: ModelFile, order: list[int]) -> tuple[dict[str, JointLimits], list[str]]:

@@ -43,7 +43,9 @@ def read_mjcf(path: Path) -> ModelFile:
     builder = _Builder(path, compile_mjcf(path))
     links = tuple(builder.links())
     name = builder.mj.names.split(b"\0", 1)[0].decode() or path.stem
-    return ModelFile(path, name, links, links[0].name, builder.sites(links), tuple(builder.shapes()))
+    return ModelFile(
+        path, name, links, links[0].name, builder.sites(links), tuple(builder.shapes()), tuple(builder.loops())
+    )
 
 
 def require_size(root: ET.Element, path: Path, limits: Limits) -> None:
@@ -189,6 +191,16 @@ class _Builder:
                 at = place[self._body_name(body)]
                 found[name] = at, _rotation(mj.site_quat[site]), links[at].origin + mj.site_pos[site]
         return found
+
+    def loops(self) -> Iterator[tuple[str, str]]:
+        """Pairs of bodies that are tied to each other besides by the tree."""
+        mj, ties = self.mj, (mujoco.mjtEq.mjEQ_CONNECT, mujoco.mjtEq.mjEQ_WELD)
+        for e in np.flatnonzero(np.isin(mj.eq_type, [int(tie) for tie in ties])):
+            ends = [int(mj.eq_obj1id[e]), int(mj.eq_obj2id[e])]
+            if mj.eq_objtype[e] == mujoco.mjtObj.mjOBJ_SITE:
+                ends = [int(mj.site_bodyid[end]) for end in ends]
+            if all(end in self.bodies for end in ends):
+                yield self._body_name(ends[0]), self._body_name(ends[1])
 
     def _joint(self, j: int) -> tuple[FileJoint, Array, Array]:
         """A joint, and the turn and way by which its zero becomes MuJoCo's zero (the file's pose is at `ref`)."""

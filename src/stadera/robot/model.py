@@ -15,6 +15,7 @@ from typing import Literal
 
 import numpy as np
 
+from stadera.constants import GRAVITY
 from stadera.errors import ModelError, UnknownNameError, require_known
 from stadera.inertia import InertialParameters
 from stadera.robot.extra import ExtraJoints
@@ -102,8 +103,9 @@ class Leg:
         foot_position: (3,) [m], centre of the foot sphere in the last link's frame; it may lie off the foot frame.
         foot_radius: [m], 0 if unknown.
         contact: components of what the ground does to the foot: 3 for a point, 6 for a flat foot.
-        unfelt: (3,), axis in the last link's frame of the contact's moment that five joints do not tell; zero if they
-            tell all. unfelt_arm: [m], times the foot's force its bound.
+        unfelt: (3,), axis in the last link's frame of the contact's moment that five joints do not tell, or of the
+            force that two do not; zero if they tell all. unfelt_bound: times the foot's force its bound [m; 1 of a
+            force].
     """
 
     name: str
@@ -114,7 +116,7 @@ class Leg:
     foot_radius: float = 0.0
     contact: int = 3
     unfelt: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    unfelt_arm: float = 0.0
+    unfelt_bound: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -236,12 +238,21 @@ class Robot:
 
     @cached_property
     def leg_length(self) -> float:
-        """Length of the shortest leg when fully extended [m], from its second joint to its foot."""
+        """Length of the shortest leg when fully extended [m], from its second joint, its first of two, to its foot."""
         lengths = []
         for leg in self.legs:
-            arms = [self.tree.translations[self.tree.joints.index(joint)] for joint in leg.joints[2:]]
+            after = leg.joints[min(2, len(leg.joints) - 1) :]
+            arms = [self.tree.translations[self.tree.joints.index(joint)] for joint in after]
             lengths.append(sum(float(np.linalg.norm(arm)) for arm in (*arms, np.array(leg.foot_position))))
         return min(lengths)
+
+    @cached_property
+    def unfelt_std(self) -> Array:
+        """Standard deviations (legs,) of the `Leg.unfelt` moments and forces [N·m, N]: anywhere within their bounds,
+        with all of the weight on one foot.
+        """
+        bounds = np.array([leg.unfelt_bound for leg in self.legs])
+        return np.asarray(GRAVITY * self.mass / np.sqrt(3.0) * bounds)
 
     @property
     def hips(self) -> Array:

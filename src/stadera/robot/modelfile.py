@@ -59,6 +59,7 @@ class ModelFile:
         trunk: name of the trunk link, which is the root or fixed to it.
         sites: named frames besides the links: place of their link, and pose in it.
         shapes: primitive shapes, each in the file's own frame of its link.
+        loops: names of links between which the file closes a loop.
 
     Raises:
         ModelError: a mass that is negative or not finite.
@@ -70,6 +71,7 @@ class ModelFile:
     trunk: str
     sites: Mapping[str, tuple[int, Array, Array]]
     shapes: tuple[Shape, ...]
+    loops: tuple[tuple[str, str], ...] = ()
 
     def __post_init__(self) -> None:
         for link in self.links:
@@ -91,6 +93,24 @@ class ModelFile:
         """Place of the next link above one that has a joint, or of the root."""
         k = self.links[k].parent
         return k if k <= 0 or self.links[k].joint is not None else self.above(k)
+
+    def require_open(self, moving: Collection[int]) -> None:
+        """Checks that the joints of some links are part of no closed loop: what they carry would not follow from their
+        own torques. ModelError: one is; names the loop.
+        """
+        names = [link.name for link in self.links]
+        for ends in self.loops:
+            above = [self._above_all(names.index(end)) for end in ends]
+            if around := (above[0] ^ above[1]) & set(moving):
+                joints = ", ".join(self.joint(k).name for k in sorted(around))
+                raise ModelError(
+                    f"{self.path}: links {ends[0]!r} and {ends[1]!r} are connected too, a closed loop with the legs' "
+                    f"joints {joints}: their torques alone do not tell what the foot carries"
+                )
+
+    def _above_all(self, k: int) -> set[int]:
+        """Places of the links between the root and a link, itself included."""
+        return {k} if k <= 0 else {k} | self._above_all(self.links[k].parent)
 
     def carried(self, moving: Collection[int]) -> list[tuple[int, Array, Array]]:
         """With all joints at zero but those of some links: for each link the place of the one that moves it, itself

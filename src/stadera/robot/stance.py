@@ -1,5 +1,6 @@
-"""Nominal stance: feet under the hips, legs slightly bent; legs of more than three joints as at zero, feet raised."""
+"""Nominal stance: feet under the hips, legs slightly bent; legs of other than three joints as at zero, feet raised."""
 
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -26,7 +27,8 @@ class StanceSettings:
     # error below it [m, 1]
     last_step: float = 1e-9
     solved: float = 1e-8  # residual below which a solution is accepted [m and sine of an angle]
-    raised: tuple[float, ...] = (0.06, 0.09, 0.04, 0.12)  # share of the leg, for legs of more than three joints
+    raised: tuple[float, ...] = (0.06, 0.09, 0.04, 0.12)  # share of the leg, for legs of other than three joints
+    bent: float = 0.5  # of their joints, at a start of Newton's method [rad]
 
     def __post_init__(self) -> None:
         require_positive("stance setting", self, ("steps", "largest_step", "last_step", "solved"))
@@ -41,10 +43,17 @@ def standing_configuration(robot: Robot, settings: StanceSettings | None = None)
     In each leg the foot is below the HFE joint in x, the leg's plane is vertical (HFE axis horizontal) and the feet are
     at one height, 80 % of the extended leg below the hips (or as close to it as the limits allow). Of the solutions
     within the limits, the one with HAA closest to the middle of its range is chosen, and among those the one with the
-    knee towards the robot's middle. If a leg has more than three joints, all feet are where they are with all joints at
+    knee towards the robot's middle. If a leg has more or fewer joints, all feet are where they are with all joints at
     zero, with the soles as there, but higher by a share of the legs' length.
     """
     return _standing(robot, settings or StanceSettings()).copy()
+
+
+def usual_configuration(robot: Robot) -> Array:
+    """The same, or all joints at zero if there is no such stance."""
+    with suppress(ModelError):
+        return standing_configuration(robot)
+    return np.zeros(len(robot.tree.joints))
 
 
 def nominal_feet(robot: Robot) -> Array:
@@ -74,13 +83,17 @@ def _standing(robot: Robot, settings: StanceSettings) -> Array:
 
 def _raised_leg(robot: Robot, leg: Leg, height: float, settings: StanceSettings) -> Array | None:
     """Angles (n,) of a leg whose foot is higher by `height` than at zero, a flat one with its sole as there; None if
-    there are none within the limits. From a bent leg, each joint towards the middle of its range.
+    there are none within the limits. From a bent leg, each joint towards the middle of its range, else to either
+    side in turn.
     """
     tree, (low, high) = robot.leg_tree(leg.name), np.array([_range(robot, joint) for joint in leg.joints]).T
     sole, foot, _ = leg_kinematics(tree, leg, np.zeros((1, len(leg.joints))))
-    bent = np.clip(0.2 * (low + high), low, high)[None]
-    (q,), left = reached(tree, leg, bent, foot + height * np.eye(3)[2], sole, settings)
-    return q if ((q >= low) & (q <= high)).all() and left < settings.solved else None
+    aside = settings.bent * np.cos(np.pi * np.arange(len(low)))  # for limits that are as far to either side
+    for start in (0.2 * (low + high), aside):
+        (q,), left = reached(tree, leg, np.clip(start, low, high)[None], foot + height * np.eye(3)[2], sole, settings)
+        if ((q >= low) & (q <= high)).all() and left < settings.solved:
+            return np.asarray(q)
+    return None
 
 
 def reached(

@@ -10,16 +10,14 @@ about its axis, and s_l the relative error of the link's mass.
 
 from __future__ import annotations
 
-from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from stadera.errors import ModelError
 from stadera.robot.kinematics import forward_kinematics
 from stadera.robot.model import Robot
-from stadera.robot.stance import standing_configuration
+from stadera.robot.stance import usual_configuration
 from stadera.trunk.error_model import ErrorModel
 from stadera.trunk.joint_errors import Errors
 from stadera.types import Array, Bools
@@ -85,9 +83,7 @@ def _carried(robot: Robot) -> Array:
     """Inertia (joints, links) [kg·m²] of each link beyond a joint about its axis, in the nominal stance, or with all
     joints at zero if there is none.
     """
-    tree, q = robot.tree, np.zeros(len(robot.tree.joints))
-    with suppress(ModelError):
-        q = standing_configuration(robot)
+    tree, q = robot.tree, usual_configuration(robot)
     rotations, translations = (values[0] for values in forward_kinematics(tree, q[None]))
     out = np.zeros((len(tree.joints), len(tree.joints)))
     for k, link in enumerate(tree.links[1:]):

@@ -31,9 +31,9 @@ class ErrorLayout:
     of its tree, some contacts, and some joints in other limbs.
 
     `link_com` goes by axis and link, `contact` by leg and trunk axis. `stiction` is the torque of static friction,
-    `unfelt` a moment of a flat foot on five joints (`stadera.robot.sole`), `regression` the part removed from noisy
-    angular acceleration (`stadera.trunk.calibration`), `sampling` half the difference between rows of every other
-    sample.
+    `unfelt` a moment or force of a foot that its leg's joints do not tell (`stadera.robot.sole`), `regression` the part
+    removed from noisy angular acceleration (`stadera.trunk.calibration`), `sampling` half the difference between rows
+    of every other sample.
     """
 
     joints: int
@@ -41,7 +41,7 @@ class ErrorLayout:
     contacts: int
     legs: tuple[int, ...]  # joints of each leg
     limbs: int = 0
-    unfelt: tuple[int, ...] = ()  # legs with a moment that their joints do not tell
+    unfelt: tuple[int, ...] = ()  # legs with a moment or force that their joints do not tell
 
     @classmethod
     def of(cls, robot: Robot) -> ErrorLayout:
@@ -178,9 +178,7 @@ class ErrorModel:
         std[places["stiction"]] = sizes.held * np.hypot(self.dry, std[places["coulomb"]])
         for name in _AS_STATED:
             std[places[name]] = getattr(sizes, name)
-        # anywhere within the sole, with all of the weight on one foot
-        arms = np.array([robot.legs[k].unfelt_arm for k in layout.unfelt])
-        std[places["unfelt"]] = GRAVITY * robot.mass * arms / np.sqrt(3.0)
+        std[places["unfelt"]] = robot.unfelt_std[list(layout.unfelt)]
         std[places["regression"]] = std[places["sampling"]] = 1.0
         limb = limb_limits(robot)
         std[places["limb_rotor"]] = sizes.rotor * leg_mass * length**2 * limb / self.limit.mean()  # as large as strong

@@ -132,6 +132,8 @@ class History:
         self._of_limbs = float(np.hypot(sizes.limbs * sizes.coulomb, sizes.offset)) * limb_limits(robot)
         self._wide = mass * np.array([1.0, *[0.5 * le] * 3, *[0.5 * le**2] * 6])
         self._unit = unit_of_rows(robot_weight(robot), le)
+        few = robot.unfelt_std[list(layout.unfelt)]
+        self._unfelt = (layout.places["unfelt"], few) if len(few) else None
         self.blocks = 0
         self.recent: deque[WeightedRows] = deque()
         self._known = deque([Segment.prior(prior, self._wide, layout, places)])  # before each of `recent`, and with all
@@ -178,7 +180,7 @@ class History:
     def add(self, made: BlockRows, errors: Array) -> WeightedRows:
         """Adds a block, and returns its rows with their weight; `errors` are p̂."""
         keep = exp(-made.elapsed / self._settings.memory)
-        rows = weighted(made, self._unit, self._of_limbs)
+        rows = weighted(made, self._unit, self._of_limbs, self._unfelt)
         rows = rows.weighing(self._slides(rows, self.current) * self._robust.weight(rows, self.current, errors))
         self.scatter.count(rows, self.aged, errors)
         self._known.append(self.current.add(rows, keep * self._kept(rows, self.current)))

@@ -25,6 +25,7 @@ from math import inf, isnan, sqrt
 import numpy as np
 from scipy.linalg import lapack
 
+from stadera.body.rows import discounted
 from stadera.constants import GRAVITY
 from stadera.robot.model import Robot
 from stadera.trunk.error_model import ErrorLayout
@@ -341,11 +342,22 @@ def unit_of_rows(robot_weight: float, length: float) -> Array:
     return np.asarray(unit * robot_weight * np.array([1.0, 1.0, 1.0, length, length, length]))
 
 
-def weighted(rows: BlockRows, unit: Array, of_limbs: Array | None = None) -> WeightedRows:
-    """Scales rows to their `unit_of_rows`, and those of the limbs to theirs."""
-    white = float(rows.white @ unit**-2.0)
+def weighted(
+    rows: BlockRows, unit: Array, of_limbs: Array | None = None, unfelt: tuple[slice, Array] | None = None
+) -> WeightedRows:
+    """Scales rows to their `unit_of_rows`, and those of the limbs to theirs.
+
+    Args:
+        unfelt: places of the errors of that name, and their standard deviations; rows count the less, the more these
+            hide them.
+    """
+    white, columns = float(rows.white @ unit**-2.0), rows.columns / unit[:, None]
+    if unfelt is not None:
+        hidden = columns[:, 11:][:, unfelt[0]] * unfelt[1]
+        white = float((discounted(np.diag(np.sqrt(rows.white) / unit), hidden) ** 2).sum())
+        columns = discounted(columns, hidden)
     limbs = None if rows.limbs is None or of_limbs is None else rows.limbs / of_limbs[:, None]
-    swing, columns = rows.swing, rows.columns / unit[:, None]
+    swing = rows.swing
     return WeightedRows(rows.time, columns, white, sliding=swing.sliding, stepping=swing.stepping, limbs=limbs)
 
 

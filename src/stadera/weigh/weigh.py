@@ -102,8 +102,9 @@ def weigh(
     _check_method(name, source, others, watch is not None, on_scale is not None, known or memory, at)
     if (untold := [leg.name for leg in model.legs if any(leg.unfelt)]) and method_of(name).at_rest:
         raise IdentificationError(
-            f"{source.source.source}: {name!r} weighs on feet whose contact their joints tell, and five joints leave a "
-            f"moment of {', '.join(untold)} open; {IN_MOTION!r} knows its bound, also at rest, in a log with an IMU"
+            f"{source.source.source}: {name!r} weighs on feet whose contact their joints tell; those of "
+            f"{', '.join(untold)} are too few for a component of it, whose bound {IN_MOTION!r} knows, also at rest, in "
+            "a log with an IMU"
         )
     request = Request(model, name, chosen, unloaded, stiffness, progress, watch, on_scale, known, memory, at)
     result = weighed(request, source)
