@@ -306,23 +306,27 @@ def fleet() -> plt.Figure:
 def structure() -> plt.Figure:
     """The way of a log through the package."""
     places = {
+        "robot/": (2.0, 0.0),
+        "lab/": (0.0, 0.0),
         "logs/": (0.0, 0.8),
         "checks/": (2.0, 0.8),
         "body/ rows": (4.0, 0.8),
         "information.py": (6.0, 0.8),
-        "weigh/ identify/\nfleet/ live/": (4.0, 0.0),
+        "trunk/ identify/": (8.0, 0.8),
+        "weigh/ fleet/\nlive/": (8.0, 0.0),
         "report/ cli/": (6.0, 0.0),
-        "robot/": (2.0, 0.0),
     }
     links = [
+        ("lab/", "logs/"),
         ("logs/", "checks/"),
         ("checks/", "body/ rows"),
-        ("body/ rows", "information.py"),
         ("robot/", "body/ rows"),
-        ("information.py", "weigh/ identify/\nfleet/ live/"),
-        ("weigh/ identify/\nfleet/ live/", "report/ cli/"),
+        ("body/ rows", "information.py"),
+        ("information.py", "trunk/ identify/"),
+        ("trunk/ identify/", "weigh/ fleet/\nlive/"),
+        ("weigh/ fleet/\nlive/", "report/ cli/"),
     ]
-    return boxes(places, links, (7.6, 1.6), {"information.py": WEIGHT, "body/ rows": FORCE})
+    return boxes(places, links, (9.4, 1.6), {"information.py": WEIGHT, "body/ rows": FORCE})
 
 
 def recording() -> plt.Figure:

@@ -3,16 +3,21 @@
 A run's JSON is docs/results/NAME.json, as `stadera reproduce NAME --json docs/results/NAME.json` writes it, or of peers
 `python benchmarks/peers.py --json docs/results/peers.json`, or of the demo a list of what `stadera demo --seed N --json
 F` writes, less `runs`. REALITY_JSON is that of `stadera reproduce reality`; what the page shows is kept. Each table
-stands between `<!-- begin NAME -->` and `<!-- end NAME -->`; what is around stays as it is.
+stands between `<!-- begin NAME -->` and `<!-- end NAME -->`; what is around stays as it is. `ran_NAME` there stands for
+the run's command, date and commit. This program notes them in docs/results/runs.json when a file has changed:
+today, and the commit that is checked out.
 """
 
 from __future__ import annotations
 
+import datetime
 import json
 import re
+import subprocess
 import sys
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
@@ -21,33 +26,71 @@ from stadera.report.numbers import number
 FOLDER = Path(__file__).parent
 REPLAYS = ("replay_go2", "replay_go2_commands", "replay_aliengo", "replay_aliengo_commands")
 STUDIES = ("reality_table", "ablation", "mini_cheetah", "faults", "humanoids", "identified")
-PAGES = (FOLDER / "comparison.md", FOLDER / "walking.md", *sorted((FOLDER / "validation").glob("*.md")))
+PAGES = sorted((FOLDER / "validation").glob("*.md"))
 RESULTS = FOLDER / "results"
 Record = dict[str, Any]
 Naming = Callable[[Record], str]
 
-TIMES = {
-    "table1": "26 to 33 s",
-    "fig4": "24 s",
-    "fig5": "8 s",
-    "table2": "2.5 min of processor time",
-    "table3": "2 min of processor time",
-    "fig6": "20 s of processor time",
-    "table5": "5 min of processor time",
-    "table4": "20 min of processor time",
-    "inertial_share": "25 s of processor time",
+PAPER = ("table1", "fig4", "fig5", "table2", "table3", "fig6", "table5", "table4", "inertial_share")
+"""The paper's tables and figures."""
+
+COMMANDS = {
+    "demo": "for N in $(seq 0 19); do stadera demo --seed $N --json demo-$N.json; done",
+    "peers": "python benchmarks/peers.py --json docs/results/peers.json",
+    "ablation": "python benchmarks/ablation.py LOGS --seed 7100 --walks FOLDER",
+    "reality_table": "stadera reproduce reality --seed 950 --seeds 2 --json reality.json\n"
+    "    python docs/experiment_tables.py reality.json",
+    "mini_cheetah": "stadera reproduce mini_cheetah FOLDER --json docs/results/mini_cheetah.json",
+    "humanoids": "stadera reproduce humanoids --quick --seed 1 --json docs/results/humanoids.json",
+    "identified": "stadera reproduce identified --quick --json docs/results/identified.json",
+    "faults": "stadera reproduce faults --quick --json docs/results/faults.json",
+    "replay_go2": "stadera replay go2_legs_in_air --robot go2.json --against go2 --json docs/results/replay_go2.json",
 }
-"""Of a run, in the order of the page."""
+"""What makes a run's JSON, where it is not `stadera reproduce NAME`."""
+
+
+def ran(name: str) -> str:
+    """Command, date and commit of a run that is kept."""
+    kept = noted()[name]
+    day = datetime.date.fromisoformat(kept["date"])
+    command = COMMANDS.get(name, f"stadera reproduce {name} --json docs/results/{name}.json")
+    return f"\n    {command}\n\nRun on {day.day} {day:%B %Y}, commit {kept['commit']}."
+
+
+def noted() -> dict[str, dict[str, str]]:
+    """Hash, date and commit of each run, as they were noted."""
+    return dict(json.loads((RESULTS / "runs.json").read_text(encoding="utf-8")))
+
+
+def hashes() -> dict[str, str]:
+    """SHA-256 of each run's JSON as it is now."""
+    return {
+        path.stem: sha256(path.read_bytes()).hexdigest()
+        for path in sorted(RESULTS.glob("*.json"))
+        if path.stem != "runs"
+    }
+
+
+def note() -> None:
+    """Notes today and the present commit of every run whose JSON has changed."""
+    known = noted()
+    head = subprocess.run(["git", "rev-parse", "--short=7", "HEAD"], cwd=FOLDER, capture_output=True, check=True)
+    new = {"date": datetime.date.today().isoformat(), "commit": head.stdout.decode().strip()}
+    kept = {
+        name: known[name] if known.get(name, {}).get("sha256") == now else {"sha256": now, **new}
+        for name, now in hashes().items()
+    }
+    (RESULTS / "runs.json").write_text(json.dumps(kept, indent=1) + "\n", encoding="utf-8")
 
 
 def overview() -> str:
     """One row a command: how many of its bounds were met."""
-    lines = ["| command | bounds met | time on two shared cores |", "|---|---|---|"]
-    for name, time in TIMES.items():
+    lines = ["| command | bounds met |", "|---|---|"]
+    for name in PAPER:
         bounded = [record["met"] for record in read(name) or () if record["met"] is not None]
         none = "no run kept" if read(name) is None else "no bounds"
         met = f"{sum(bounded)} of {len(bounded)}" if bounded else none
-        lines.append(f"| `stadera reproduce {name}` | {met} | {time} |")
+        lines.append(f"| `stadera reproduce {name}` | {met} |")
     return "\n".join(lines)
 
 
@@ -112,7 +155,7 @@ def tables(name: str, records: list[Record]) -> Iterator[str]:
         others = [r for r in records if r["case"]["robot"] != "hyq" and r["metric"].endswith("in x-y")]
         yield crossed(others, case("robot", "metric"), case("load, share of the weight"), "load, share of the weight")
     elif name == "table3":
-        yield crossed(compared, case("slope [deg]", "metric"), case("load [N]"), "slope [°]; load [N]")
+        yield crossed(compared, on_ramp, case("load [N]"), "‖δ‖ [cm]; slope, axes, poses; load [N]")
     elif name == "table4":
         for error in dict.fromkeys(r["case"]["error"] for r in compared):
             chosen = [r for r in compared if r["case"]["error"] == error]
@@ -129,6 +172,11 @@ def tables(name: str, records: list[Record]) -> Iterator[str]:
     else:
         (key,) = records[0]["case"]
         yield crossed(records, case("metric"), case(key), key)
+
+
+def on_ramp(record: Record) -> str:
+    """Slope, axes and number of poses of Table III."""
+    return f"{record['case']['slope [deg]']:g}°, {record['metric'].removeprefix('‖δ‖ in the ')}"
 
 
 def short_reading(record: Record) -> str:
@@ -327,6 +375,10 @@ def renewed(page: str) -> str:
             body = peers()
         elif name == "replays":
             body = replays()
+        elif name.startswith("ran_"):
+            if (name := name.removeprefix("ran_")) not in noted():
+                return found.group()
+            body, name = ran(name), found.group(1)
         elif name in WHOLE:
             run, made = WHOLE[name]
             body = made(json.loads((RESULTS / f"{run}.json").read_text(encoding="utf-8")))
@@ -342,5 +394,6 @@ def renewed(page: str) -> str:
 if __name__ == "__main__":
     if len(sys.argv) == 2:
         keep(Path(sys.argv[1]))
+    note()
     for page in PAGES:
         page.write_text(renewed(page.read_text(encoding="utf-8")), encoding="utf-8")

@@ -56,7 +56,7 @@ def table1(records: list[Record]) -> plt.Figure:
     right.set(xscale="log", xlim=(1e-17, 1e-2), title="errors without noise")
     right.axvline(1e-3, color=INK, ls="--", lw=1)
     right.annotate(
-        "the paper's CoM, 1 mm", (1e-3, 4.3), fontsize=8, ha="right", xytext=(-4, 0), textcoords="offset points"
+        "the paper's CoM, 1 mm", (1e-3, 1.98), fontsize=8, ha="right", xytext=(-4, 0), textcoords="offset points"
     )
     right.invert_yaxis()
     return figure

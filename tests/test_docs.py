@@ -185,16 +185,19 @@ def test_tables_of_the_experiments_are_those_of_the_runs() -> None:
     made = experiment_tables()
     pages = [path.read_text() for path in made.PAGES]
     assert list(map(made.renewed, pages)) == pages, "python docs/experiment_tables.py writes them"
+    assert {name: run["sha256"] for name, run in made.noted().items()} == made.hashes(), "and notes date and commit"
     for block in re.findall(r"(?:^\|.*\n)+", "\n".join(pages), re.MULTILINE):
         assert len({len(re.findall(r"(?<!\\)\|", row)) for row in block.splitlines()}) == 1, block
     page = (ROOT / "docs" / "validation" / "paper.md").read_text()
     commands_listed = [line.split("`")[1] for line in page.splitlines() if line.startswith("| `stadera reproduce")]
     assert len(commands_listed) == len(set(commands_listed)), "a row a command"
+    shown = "\n".join(pages)
+    assert not [name for name in made.noted() if name not in made.REPLAYS[1:] and f"begin ran_{name} -->" not in shown]
     kept = {path.stem for path in made.RESULTS.glob("*.json")}
     assert (
         {"table1", "fig4", "fig5", "fig6", "demo"}
         <= kept
-        <= {*made.TIMES, *made.STUDIES, *made.REPLAYS, "demo", "peers"}
+        <= {*made.PAPER, *made.STUDIES, *made.REPLAYS, "demo", "peers", "runs"}
     )
     assert sum(path.stat().st_size for path in made.RESULTS.iterdir()) < 300_000
 

@@ -16,7 +16,7 @@ import pytest
 from browser import CHROMIUM, DESK, PHONE, SCREEN
 
 ROOT = Path(__file__).resolve().parent.parent
-SAMPLE = ("index", "start", "guides/go2", "guides/drives", "reference/logs", "validation/errors", "comparison")
+SAMPLE = ("index", "start", "guides/go2", "guides/drives", "reference/logs", "validation/table4", "validation/peers")
 """Pages that are opened: with figures, code and the widest tables."""
 FLAGS = ("--headless", "--no-sandbox", "--disable-gpu", "--no-first-run", "--disable-background-networking")
 
