@@ -57,8 +57,17 @@ def commands() -> str:
 
     from stadera.cli.app import app
 
-    group = typer.main.get_command(app)
-    return get_docs_for_click(obj=group, ctx=typer.Context(group), name="stadera", title="The commands")
+    group = typer.main.get_group(app)
+    page = get_docs_for_click(obj=group, ctx=typer.Context(group), name="stadera", title="The commands")
+    for name, command in group.commands.items():  # a sentence each, which it cuts at 45 letters
+        told = f"* [`{name}`](#stadera-{name}): {_sentence(command.help or '')}"
+        page = re.sub(rf"(?m)^\* `{name}`: .*", told, page)
+    return page
+
+
+def _sentence(text: str) -> str:
+    """The first sentence of a help, on one line."""
+    return " ".join(re.split(r"(?<=\.)\s", text.strip(), maxsplit=1)[0].split())
 
 
 def _name(path: Path) -> str:

@@ -41,7 +41,8 @@ def load_robot(
     Args:
         source: a name of `stadera.robot.catalog`, or a path to a URDF or MJCF file.
         limits: for reading the file.
-        feet: links or frames of the feet, one a leg; none to find them. trunk: its link; None to find it.
+        feet: links or frames of the feet, one a leg; none to find them.
+        trunk: its link; None to find it.
 
     Raises:
         UnknownNameError: neither a known name nor a file, or no such foot or trunk in it.

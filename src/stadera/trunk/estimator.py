@@ -198,7 +198,10 @@ class TrunkEstimator:
         """Takes the payload since the tare as known: a test weight, by which gains and offsets are calibrated.
 
         Args:
-            mass: [kg]. com: (3,) [m], of its centre of mass, trunk frame. mass_std, com_std: their standard deviations.
+            mass: [kg].
+            com: (3,) [m], of its centre of mass, trunk frame.
+            mass_std: standard deviation [kg].
+            com_std: standard deviation [m].
 
         Raises:
             IdentificationError: no tare, or not a payload.
@@ -216,7 +219,8 @@ class TrunkEstimator:
         """Uses what earlier logs of this robot told.
 
         Args:
-            memory: see `stadera.trunk.memory`. days: time of this log, days since 1970; NaN if unknown.
+            memory: see `stadera.trunk.memory`.
+            days: time of this log, days since 1970; NaN if unknown.
 
         Raises:
             IdentificationError: it is of another robot or another model.
