@@ -162,6 +162,8 @@ class ModelFit:
     Attributes:
         model: prior of the errors. swing: sums of the legs in the air. errors: p̂ and Σ. sizes: of its kinds.
         fit: of the rows, and swing_misfit, of the legs in the air; None before either is evaluated.
+        friction: (joints,) [N·m], standard deviation of the friction that holds joints which hardly move, of whichever
+            direction and changing with every sway; None of robots on point feet.
         due: number of blocks after which all are updated next.
     """
 
@@ -172,10 +174,13 @@ class ModelFit:
         self.errors = Errors(self.model, self.swing)
         self.sizes = Sizes(self.model.layout, settings.size_spread)
         self._usual: Array | None = None  # factors on the sizes with which the fit is evaluated
+        self.friction: Array | None = None
         if any(leg.contact == FLAT for leg in robot.legs):
             self._usual = np.ones(self.model.layout.count)
             for name in ("viscous", "coulomb", "stiction"):
                 self._usual[self.model.layout.places[name]] = settings.gears
+            held = self.model.variance[self.model.layout.sticking]
+            self.friction = settings.gears * np.sqrt(held)
         self.fit: Fit | None = None
         self.swing_misfit: float | None = None
         self.due, self._trust = 0, None  # type: int, Trust | None

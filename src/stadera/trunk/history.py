@@ -110,6 +110,7 @@ class History:
     Args:
         robot: the model. prior: (10,), of the trunk. layout: places of the model errors.
         places: number of those where a load may be, besides the trunk.
+        friction: (joints,) [N·m], see `ModelFit.friction`.
 
     Attributes:
         at: where the present load is. before: the trunk without it; None before any load and without a tare.
@@ -121,7 +122,13 @@ class History:
     """
 
     def __init__(
-        self, robot: Robot, prior: Array, layout: ErrorLayout, settings: TrunkSettings, places: int = 0
+        self,
+        robot: Robot,
+        prior: Array,
+        layout: ErrorLayout,
+        settings: TrunkSettings,
+        places: int = 0,
+        friction: Array | None = None,
     ) -> None:
         mass, le = robot.mass, robot.leg_length
         self._settings, self._layout, self._places = settings, layout, places
@@ -134,6 +141,7 @@ class History:
         self._unit = unit_of_rows(robot_weight(robot), le)
         few = robot.unfelt_std[list(layout.unfelt)]
         self._unfelt = (layout.places["unfelt"], few) if len(few) else None
+        self._friction = None if friction is None else (layout.places["offset"], friction)
         self.blocks = 0
         self.recent: deque[WeightedRows] = deque()
         self._known = deque([Segment.prior(prior, self._wide, layout, places)])  # before each of `recent`, and with all
@@ -180,7 +188,7 @@ class History:
     def add(self, made: BlockRows, errors: Array) -> WeightedRows:
         """Adds a block, and returns its rows with their weight; `errors` are p̂."""
         keep = exp(-made.elapsed / self._settings.memory)
-        rows = weighted(made, self._unit, self._of_limbs, self._unfelt)
+        rows = weighted(made, self._unit, self._of_limbs, self._unfelt, self._friction)
         rows = rows.weighing(self._slides(rows, self.current) * self._robust.weight(rows, self.current, errors))
         self.scatter.count(rows, self.aged, errors)
         self._known.append(self.current.add(rows, keep * self._kept(rows, self.current)))

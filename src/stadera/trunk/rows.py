@@ -34,7 +34,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stadera.body import Body, Motion, State
-from stadera.body.friction import direction
+from stadera.body.friction import STICTION_VELOCITY, direction
 from stadera.body.kernel import evaluate
 from stadera.compiled import load
 from stadera.constants import GRAVITY, SINGULAR
@@ -132,6 +132,8 @@ class BlockRows(Equations):
         columns: (6, ...), of A, b [N, N·m], C and loads. limbs: (joints, ...), None if there are none.
         white: (6,), variances of the white noise.
         swing: rows in joint space.
+        unsure: (J,), variance 1 - s² of the direction of each joint's friction [1], s of the mean velocity and, as wide
+            as that, its noise.
     """
 
     time: float
@@ -139,6 +141,7 @@ class BlockRows(Equations):
     columns: Array
     white: Array
     swing: SwingRows
+    unsure: Array
     limbs: Array | None = None
 
 
@@ -440,6 +443,8 @@ class RowMaker:
         by_velocity = ((G * G) @ noise.velocity[:, :, None])[:, :, 0]
         by_velocity += noise.gyro[:, None] * (L_noise * L_noise).sum(axis=2)
         white += _TELESCOPED * differentiated[:, None] * by_velocity
+        vague = np.sqrt(STICTION_VELOCITY**2 + averaged[:, None] * noise.velocity)
+        unsure = 1.0 - np.tanh(joint[:, 1] / vague) ** 2
         stepping = (first["stepping"] | second["stepping"]).tolist()
         air, sliding = first["air"] & second["air"], (np.abs(joint[:, 2]) > _SLIDES).mean(axis=1).tolist()
         return [
@@ -449,6 +454,7 @@ class RowMaker:
                 columns[b],
                 white[b],
                 SwingRows(air[b], joint[b, :4], joint[b, 4], joint[b, 5], noise.torque[b], sliding[b], stepping[b]),
+                unsure[b],
                 None if limbs is None else limbs[b],
             )
             if follows[b]

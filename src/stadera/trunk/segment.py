@@ -343,19 +343,27 @@ def unit_of_rows(robot_weight: float, length: float) -> Array:
 
 
 def weighted(
-    rows: BlockRows, unit: Array, of_limbs: Array | None = None, unfelt: tuple[slice, Array] | None = None
+    rows: BlockRows,
+    unit: Array,
+    of_limbs: Array | None = None,
+    unfelt: tuple[slice, Array] | None = None,
+    friction: tuple[slice, Array] | None = None,
 ) -> WeightedRows:
     """Scales rows to their `unit_of_rows`, and those of the limbs to theirs.
 
     Args:
         unfelt: places of the errors of that name, and their standard deviations; rows count the less, the more these
             hide them.
+        friction: places of errors of the joints' torques, and standard deviations of the friction of joints that hardly
+            move [N·m], of whichever direction: it counts as white noise.
     """
     white, columns = float(rows.white @ unit**-2.0), rows.columns / unit[:, None]
     if unfelt is not None:
         hidden = columns[:, 11:][:, unfelt[0]] * unfelt[1]
         white = float((discounted(np.diag(np.sqrt(rows.white) / unit), hidden) ** 2).sum())
         columns = discounted(columns, hidden)
+    if friction is not None:
+        white += float(((columns[:, 11:][:, friction[0]] * friction[1]) ** 2 @ rows.unsure).sum())
     limbs = None if rows.limbs is None or of_limbs is None else rows.limbs / of_limbs[:, None]
     swing = rows.swing
     return WeightedRows(rows.time, columns, white, sliding=swing.sliding, stepping=swing.stepping, limbs=limbs)
