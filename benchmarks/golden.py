@@ -48,7 +48,7 @@ WEIGHED = {
     "contact-stand": ("stand-hyq", "--method contact"),
     "contact-load": ("load-hyq", "--method contact --tare 0:2"),
     "poses-load": ("load-b1", "--method poses --tare 0:2"),
-    "combined-load": ("load-b1", "--method combined --tare 0:2"),
+    "standing-load": ("load-b1", "--method standing --tare 0:2"),
     "combined-poses": ("poses", "--method combined"),
     "poses-poses": ("poses", "--method poses"),
     "walking-stand": ("stand", "--method walking"),
@@ -132,6 +132,9 @@ def main() -> int:
         moved = 0
         for case in cases:
             name = Path(case[-1]).name
+            if not (asked.check / name).is_file():
+                print(f"{name}: a new case")
+                continue
             old, new = ((asked.check / name).read_text(), (out / name).read_text())
             found = list(differences(json.loads(old), json.loads(new), asked.tolerance))
             moved += bool(found)

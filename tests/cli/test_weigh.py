@@ -19,7 +19,7 @@ from stadera.logs.recording import take
 from stadera.robot import load_robot
 
 Run = Callable[..., Any]
-REST = ("--method", "contact")
+REST = ("--method", "standing")
 
 LOADED = 2.8  # s, when the load of `loading` is put on
 
@@ -59,13 +59,12 @@ def test_payload_as_a_link(run: Run, loading: Path, truth: Truth, tmp_path: Path
     assert place is not None
     assert float(link.attrib["value"]) == pytest.approx(payload["mass"]["value"], rel=1e-9)
     written = [float(v) for v in place.attrib["xyz"].split()]
-    assert written[1] == pytest.approx(payload["com"]["value"][1], rel=1e-9)
-    assert payload["com"]["value"][0] is None, "knees that hold differently in front and behind: 0.1 m for 24 kg"
+    assert written[:2] == pytest.approx(payload["com"]["value"][:2], rel=1e-9)
     assert written[2] == pytest.approx(robot.inertias[robot.trunk].com[2]), "not observed: level with the trunk's"
     covariance = payload["com_covariance"]
     assert covariance[1][1] == pytest.approx(payload["com"]["std"][1] ** 2)
     assert covariance[2] == [None] * 3
-    assert "x, z was not observed" in out.read_text()
+    assert " z was not observed" in out.read_text()
 
 
 def test_without_a_tare_the_trunk_is_written(run: Run, loading: Path, tmp_path: Path) -> None:
@@ -95,19 +94,20 @@ def test_trunk_payload_and_change(run: Run, loading: Path, truth: Truth, tmp_pat
     assert finished.code == 0
     assert "payload since the tare" in finished.out
     found, last = json.loads(out.read_text()), truth.at(7.0)
-    assert (found["robot"], found["method"]) == ("hyq", "contact")
+    assert (found["robot"], found["method"]) == ("hyq", "standing")
     trunk, payload = found["trunk"], found["payload"]
-    assert abs(trunk["mass"]["value"] - last.mass) < 3.0 * trunk["mass"]["std"] < 12.0  # 3 % of all torques, friction
+    assert abs(trunk["mass"]["value"] - last.mass) < 3.0 * trunk["mass"]["std"]
+    assert trunk["mass"]["std"] < 7.0  # 3 % of all torques, and friction that may hold all knees up, as in a sag
     assert last.payload_com is not None
     for body, com in ((trunk, last.com), (payload, last.payload_com)):
-        for k in (k for k in range(2) if body is trunk or k):  # the payload's x is not observed
+        for k in range(2):
             assert abs(body["com"]["value"][k] - com[k]) < 3.0 * body["com"]["std"][k]
         assert body["com"]["value"][2] is None  # level: the height does not show
         assert body["com"]["std"][2] is None
     assert trunk["inertia"] is None
-    # constant errors cancel, so the difference is known much better than the whole
     assert abs(payload["mass"]["value"] - 24.0) < 3.0 * payload["mass"]["std"]
-    assert payload["mass"]["std"] < 0.6 * trunk["mass"]["std"]  # static friction does not
+    # constant errors cancel, static friction of the two loads does not
+    assert payload["mass"]["std"] < np.sqrt(2.0) * trunk["mass"]["std"]
     (change,) = found["changes"]
     assert LOADED < change["time"] < LOADED + 1.0
     assert change["mass"] == payload["mass"], "one load, one figure"
@@ -116,7 +116,7 @@ def test_trunk_payload_and_change(run: Run, loading: Path, truth: Truth, tmp_pat
     assert found["trust"]["verdict"] == "good"
     assert (payload["frame"], payload["inertia"], payload["inertia_about"]) == ("trunk", None, "com")
     lengths = {name: len(values) for name, values in found["timeline"].items()}
-    assert set(lengths) == {"time", "mass", "mass_std", "com", "com_std"}
+    assert set(lengths) == {"time", "mass", "mass_std", "com", "com_std", "payload_mass", "payload_mass_std"}
     assert len(set(lengths.values())) == 1
     before = np.array(found["timeline"]["time"]) < LOADED
     np.testing.assert_allclose(np.array(found["timeline"]["mass"])[before], truth.at(0.0).mass, atol=1.5)
@@ -137,7 +137,8 @@ def test_another_log_as_tare(run: Run, loading: Path, tmp_path: Path) -> None:
     out = tmp_path / "found.json"
     assert run("weigh", full, "--robot", "hyq", *REST, "--tare", empty, "--json", out).code == 0
     found = json.loads(out.read_text())
-    assert found["changes"] == []
+    (change,) = found["changes"]  # it came between the logs
+    assert change["mass"] == found["payload"]["mass"]
     assert abs(found["payload"]["mass"]["value"] - 24.0) < 3.0 * found["payload"]["mass"]["std"]
 
 
@@ -158,7 +159,7 @@ def test_orientation_by_the_controllers_stiffness(run: Run, loading: Path, truth
 def test_poses_show_the_height(run: Run, tmp_path: Path) -> None:
     log = simulated(tmp_path / "poses.csv", "poses", "--errors", "ideal", "--duration", 16.5, "--rate", 50)
     out = tmp_path / "found.json"
-    assert run("weigh", log, "--robot", "hyq", "--method", "poses", "--json", out).code == 0
+    assert run("weigh", log, "--robot", "hyq", "--method", "standing", "--json", out).code == 0
     hyq, trunk = load_robot("hyq"), json.loads(out.read_text())["trunk"]
     np.testing.assert_allclose(trunk["com"]["value"], hyq.inertias[hyq.trunk].com, atol=0.005)
     assert trunk["mass"]["value"] == pytest.approx(hyq.inertias[hyq.trunk].mass, rel=2e-3)

@@ -16,8 +16,9 @@ from stadera.logs import Recording
 from stadera.robot import Robot, load_robot
 from stadera.trunk.load import LoadChange, Payload
 from stadera.trunk.result import TrunkParameters
+from stadera.trunk.standing.estimator import Balance, Stance, Vertical
 from stadera.trust import Trust
-from stadera.weigh.result import Balance, Refusal, Stance, Timeline, Vertical, Weighing
+from stadera.weigh.result import Refusal, Timeline, Weighing
 
 NOISE = 0.1  # N·m
 
@@ -55,14 +56,13 @@ POSTURE = np.tile([0.0, 0.7, -1.4], 4)  # rad, feet below the hips
 BOX = InertialParameters.from_com(8.0, [-0.2, 0.1, 0.15], [[0.3, 0.04, -0.02], [0.04, 0.5, 0.01], [-0.02, 0.01, 0.6]])
 
 
-def _timeline(time: np.ndarray, robot: Robot, rest: bool) -> Timeline:
+def _timeline(time: np.ndarray, robot: Robot) -> Timeline:
     after = time > 4.0
     mass = robot.inertias[robot.trunk].mass + 8.0 * after
     com = np.full((len(time), 3), np.nan)
     com[:, 0], com[:, 1] = 0.05 - 0.03 * after, 0.02 + 0.01 * after
     payload = np.column_stack([np.where(time > 3.0, 8.0 * after, np.nan), np.where(time > 3.0, 0.1, np.nan)])
-    load = None if not rest else np.outer(np.ones(len(time)), [200.0, 210.0, 190.0, 180.0])
-    return Timeline(time, mass, np.full(len(time), 0.5), com, np.full((len(time), 3), 0.002), payload, load)
+    return Timeline(time, mass, np.full(len(time), 0.5), com, np.full((len(time), 3), 0.002), payload)
 
 
 @pytest.fixture(scope="session")
@@ -82,7 +82,7 @@ def weighed() -> Weighing:
         9.9,
         payload,
         (LoadChange(4.0, 4.1, 8.0, 0.1, "on"),),
-        _timeline(np.arange(0.1, 10.0, 0.1), robot, rest=False),
+        _timeline(np.arange(0.1, 10.0, 0.1), robot),
         (Refusal(0.0, 0.1, "too few samples"),),
         0.0,
         10.0,
@@ -105,11 +105,11 @@ def rested(weighed: Weighing) -> Weighing:
     )
     return replace(
         weighed,
-        method="contact",
+        method="standing",
         trust=Trust("good", 1.0),
         trunk=trunk,
         payload=None,
-        timeline=replace(_timeline(np.arange(0.1, 10.0, 0.25), robot, rest=True), payload=None),
+        timeline=replace(_timeline(np.arange(0.1, 10.0, 0.25), robot), payload=None),
         torque_lag=None,
         balance=balance,
         vertical=Vertical("imu", np.array([0.0, 0.0, 1.0]), np.full(3, 0.003)),

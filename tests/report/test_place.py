@@ -14,7 +14,8 @@ from stadera.report.weigh.words import how_sure, may_be_used, where
 from stadera.robot import load_robot
 from stadera.robot.kinematics import foot_positions
 from stadera.trunk.result import TrunkParameters
-from stadera.weigh.result import Stance, Weighing, level_axes
+from stadera.trunk.standing.estimator import Stance, level_axes
+from stadera.weigh.result import Weighing
 
 SIDE, ABOVE = np.eye(3)[[0, 2]], np.eye(3)[:2]
 

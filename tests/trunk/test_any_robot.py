@@ -255,7 +255,7 @@ def test_a_payload_is_weighed_at_rest_on_any_legs(name: str | int, imu: bool, tm
     if not imu:
         log = replace(log, imu=None)
     half = 0.5 * (log.time[-1] + log.time[1])
-    found = weigh(robot, log, (0.0, half), method="poses")
+    found = weigh(robot, log, (0.0, half), method="standing")
     trunk, payload = robot.inertias[robot.trunk] + load, found.payload
     assert payload is not None
     assert payload.mass == pytest.approx(mass, abs=0.002 * robot.mass)
@@ -274,7 +274,7 @@ def test_a_method_at_rest_says_that_five_joints_leave_a_moment_open() -> None:
     with pytest.raises(
         IdentificationError, match="of left, right are too few for a component of it, whose bound 'walking' knows"
     ):
-        weigh(robot, standing(robot, InertialParameters.zero()), method="poses")
+        weigh(robot, standing(robot, InertialParameters.zero()), method="standing")
 
 
 def test_torques_of_another_scale_are_no_place() -> None:

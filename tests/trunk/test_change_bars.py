@@ -1,8 +1,6 @@
-"""What the detector's bars, the tare's and those of changes at rest are made of, from both sides."""
+"""What the detector's bars, and the tare's, are made of, from both sides."""
 
 from __future__ import annotations
-
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -16,8 +14,6 @@ from stadera.trunk.changes import ChangeDetector, Deviations, Spread, Usual
 from stadera.trunk.estimator import TrunkEstimator
 from stadera.trunk.samples import Samples
 from stadera.trunk.settings import ChangeSettings
-from stadera.trunk.standing.equilibrium import ConstantErrors
-from stadera.weigh.at_rest import RestBlock, change_variance
 
 SETTINGS = ChangeSettings()
 SCALE = np.array([50.0, 30.0, 30.0, 30.0])
@@ -85,15 +81,3 @@ def test_a_tare_leaves_out_its_blocks_and_bars_say_what_errors_do() -> None:
     assert payload is not None
     assert payload.mass == pytest.approx(8.0, abs=0.6)
     assert 0.6 < change.mass_std / payload.mass_std < 1.6  # both know the models' errors
-
-
-def test_at_rest_both_loads_of_a_change_have_noise_and_pose() -> None:
-    errors = ConstantErrors.of_robot(load_robot("hyq"))
-    plain = np.zeros(39)
-    first = RestBlock(0.0, 1.0, 100, 50.0, 0.04, plain, np.zeros(4))
-    second = replace(first, begin=1.0, end=2.0, count=300, mass=52.0, variance=0.01)
-    both = first.joined(second)
-    assert both.mass == pytest.approx(51.5)
-    assert both.variance == pytest.approx(0.25**2 * 0.04 + 0.75**2 * 0.01)
-    alone, noisy = (change_variance(before, second, errors) for before in (first, replace(first, variance=0.2)))
-    assert noisy - alone == pytest.approx(0.16, rel=1e-6)

@@ -10,13 +10,13 @@ from scipy.spatial.transform import Rotation
 
 from stadera.errors import ModelError
 from stadera.inertia import InertialParameters
+from stadera.lab.laws.equilibrium import ConstantErrors, constant_errors_of, equilibrium_rows, error_slope
 from stadera.lab.laws.poses import COMBINED, PosesCom
 from stadera.lab.laws.static import stated_errors
 from stadera.lab.laws.static_poses import PoseOffset, expected_covariance, standing_still, static_poses
 from stadera.robot import Robot, load_robot
 from stadera.robot.kinematics import foot_positions
 from stadera.trunk import Measurement
-from stadera.trunk.standing.equilibrium import ConstantErrors, constant_errors_of, equilibrium_rows, error_slope
 from stadera.trunk.standing.forces import ContactForceEstimator, ForceNoise
 from standing import GRAVITY, StandingRobot
 
@@ -184,4 +184,4 @@ def test_static_poses_are_within_reach_and_what_they_tell_grows() -> None:
 
 def test_constant_errors_need_a_covariance() -> None:
     with pytest.raises(ModelError, match="positive definite"):
-        ConstantErrors(PLACES, np.zeros((ERRORS, ERRORS)), np.zeros((12, 12)))
+        ConstantErrors(PLACES, np.zeros((ERRORS, ERRORS)))

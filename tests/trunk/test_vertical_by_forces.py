@@ -12,17 +12,16 @@ from scipy.spatial.transform import Rotation
 
 from stadera.inertia import InertialParameters
 from stadera.lab.laws.contact_com import ContactCom
+from stadera.lab.laws.equilibrium import equilibrium_rows, weight_felt
 from stadera.lab.laws.mass import felt_by_mass
-from stadera.lab.laws.poses import centre_of, plausible, with_errors
+from stadera.lab.laws.poses import Alike, PoseMean, centre_of, plausible, with_errors, with_poses
 from stadera.lab.laws.static import stated_errors
 from stadera.logs import Recording
 from stadera.robot import Robot, load_robot
 from stadera.robot.stance import standing_configuration
 from stadera.trunk import ContactForceEstimator, Measurement, Status
 from stadera.trunk.model import TrunkBounds, TrunkModel
-from stadera.trunk.standing.equilibrium import equilibrium_rows, weight_felt
 from stadera.trunk.standing.forces import measurements_without_imu, vertical_by_forces
-from stadera.trunk.standing.poses import Alike, PoseMean, with_poses
 from standing import GRAVITY, StandingRobot
 
 HYQ = load_robot("hyq")

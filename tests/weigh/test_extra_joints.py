@@ -149,8 +149,7 @@ def test_the_estimator_takes_the_arms_joints(robot: Robot) -> None:
     np.testing.assert_allclose(estimator.trunk.com, trunk.com, atol=3e-3)
 
 
-@pytest.mark.parametrize("method", ["poses", "contact"])
-def test_at_rest_an_arm_parked_elsewhere_after_the_tare_is_no_payload(robot: Robot, method: str) -> None:
+def test_at_rest_an_arm_parked_elsewhere_after_the_tare_is_no_payload(robot: Robot) -> None:
     parked = np.array([[0.0, 0.3, -0.9], [0.1, 1.2, 0.4]])
     extra = robot.extra
     assert extra is not None
@@ -166,10 +165,10 @@ def test_at_rest_an_arm_parked_elsewhere_after_the_tare_is_no_payload(robot: Rob
         joints=(*robot.tree.joints, *extra.joints),
         position=np.hstack([np.tile(q, (n, 1)), np.repeat(parked, half, axis=0)]) + 1e-4 * rng.normal(size=(n, 15)),
         velocity=1e-2 * rng.normal(size=(n, 15)),
-        effort=np.hstack([effort, np.zeros((n, 3))]) + 1e-2 * rng.normal(size=(n, 15)),
+        effort=np.hstack([effort + 1e-2 * rng.normal(size=(n, 12)), np.zeros((n, 3))]),  # the arm's are not known
         imu=Imu(1e-3 * rng.normal(size=(n, 3)), np.array([0, 0, GRAVITY]) + 2e-2 * rng.normal(size=(n, 3))),
     )
-    found = weigh(robot, log, tare=(0.0, 1.9), method=method, settings=FREE)
+    found = weigh(robot, log, tare=(0.0, 1.9), method="standing", settings=FREE)
     assert found.payload is not None
     assert found.payload.mass == pytest.approx(1.5, abs=0.02)
     np.testing.assert_allclose(found.payload.com[:2], LOAD.com[:2], atol=2e-3)

@@ -56,7 +56,7 @@ def test_lowest_points_are_those_of_the_shape_s_surface(kind: str, size: tuple[f
     assert (up @ shift - reach)[0] == pytest.approx(heights.min(), abs=2e-3)
 
 
-@pytest.mark.parametrize("method", [None, "contact"])
+@pytest.mark.parametrize("method", [None, "standing"])
 def test_a_robot_that_stands_is_not_said_to_lie_and_one_on_the_ground_is(method: str | None) -> None:
     robot = load_robot("go2")
     log = simulate(robot, "stand", SimulateSettings("standard", duration=2.0, rate=200.0, seed=1)).recording

@@ -69,5 +69,5 @@ def test_half_an_imu_is_named_not_passed_over(go2_trot: Recording, tmp_path: Pat
     log = write_table(go2_trot, tmp_path / "log.csv")
     half = tmp_path / "half.csv"
     half.write_text(log.read_text().replace("imu.linear_acceleration", "imu.acceleration_of_mine"))
-    with pytest.raises(RecordingError, match=r"no column imu\.linear_acceleration\.x.*--columns.*--method poses"):
+    with pytest.raises(RecordingError, match=r"no column imu\.linear_acceleration\.x.*--columns.*--method standing"):
         weigh("go2", half)

@@ -36,9 +36,6 @@ def loaded(robot: str, seed: int, slope: float) -> Run:
 FREE = WeighSettings(trunk=TrunkSettings(model=ModelErrors(coulomb=1e-4, load_friction=0.0)))
 
 
-FORGIVING = WeighSettings(doubtful_misfit=1e6)
-
-
 def blind(recording: Recording) -> Recording:
     return replace(recording, imu=None)
 
@@ -57,7 +54,7 @@ def log(level: Run, tmp_path_factory: pytest.TempPathFactory) -> Path:
 def both(run: Run, folder: Path) -> tuple[Weighing, Weighing]:
     """Weighed by the whole log, and by the log without its IMU."""
     robot = load_robot(run.truth.robot)
-    whole = weigh(robot, write_table(run.recording, folder / "whole.csv"), TARE, "poses", settings=FREE)
+    whole = weigh(robot, write_table(run.recording, folder / "whole.csv"), TARE, "standing", settings=FREE)
     return whole, weigh(robot, write_table(blind(run.recording), folder / "blind.csv"), TARE, settings=FREE)
 
 
@@ -66,7 +63,7 @@ def check(run: Run, whole: Weighing, found: Weighing) -> None:
     assert true.payload_com is not None
     assert whole.payload is not None
     assert found.payload is not None
-    assert (found.method, found.vertical.source, whole.vertical.source) == ("poses", "forces", "imu")
+    assert (found.method, found.vertical.source, whole.vertical.source) == ("standing", "forces", "imu")
     assert abs(found.mass - true.mass) < 3.0 * found.mass_std
     assert abs(found.payload.mass - true.payload_mass) < 3.0 * found.payload.mass_std
     assert 0.8 < found.payload.mass_std / whole.payload.mass_std < 1.5
@@ -78,7 +75,7 @@ def check(run: Run, whole: Weighing, found: Weighing) -> None:
     apart = np.degrees(np.arccos(found.vertical.up @ whole.vertical.up))
     assert apart < 3.0 * np.degrees(np.hypot(found.vertical.tilt_std, whole.vertical.tilt_std))
     assert 0.02 < np.degrees(found.vertical.tilt_std) < 1.0
-    assert [round(c.time - 1.7) for c in found.changes] == [0]
+    assert [abs(c.time - 1.7) < 0.6 for c in found.changes] == [True]
 
 
 def test_level_payload_within_its_bars_and_beside_the_log_with_imu(level: Run, tmp_path: Path) -> None:
@@ -113,7 +110,7 @@ def test_terminal_json_and_report_say_what_is_not_known(log: Path, tmp_path: Pat
     assert done.exit_code == 0, done.output
     assert "no IMU" in done.output
     found = json.loads(out.read_text())
-    assert found["method"] == "poses"
+    assert found["method"] == "standing"
     assert found["trunk"]["inertia"] is None
     assert found["vertical"]["source"] == "forces"
     assert np.linalg.norm(found["vertical"]["up"]["value"]) == pytest.approx(1.0)
@@ -134,7 +131,7 @@ def test_methods_that_need_an_imu_name_what_lacks_and_what_works(log: Path) -> N
         assert "imu.angular_velocity.x" in said
         assert "imu.linear_acceleration.z" in said
         assert f"the method {method!r} needs an IMU" in said
-        assert "--method poses" in said
+        assert "--method standing" in said
         assert "\n" not in said
     assert "--imu-frame head: the log has no IMU" in message(lambda: weigh(HYQ, log, imu_frame="head"))
 
@@ -175,22 +172,6 @@ def test_what_cannot_be_weighed(level: Run, spoil: Callable[[Recording], Recordi
         weigh(HYQ, path)
     assert isinstance(error.value, IdentificationError | RecordingError)
     assert "\n" not in str(error.value)
-
-
-def test_masses_that_wander_widen_the_error_bars(level: Run) -> None:
-    """Torques that breathe by 0.4 %, as friction lets them, are in no stated error."""
-    log = take(level.recording, level.recording.time < 1.65)
-    assert log.effort is not None
-    still = weigh(HYQ, log, method="contact")
-    wave = 1.0 + 0.004 * np.sin(2.0 * np.pi * log.time / 1.1)
-    found = weigh(HYQ, replace(log, effort=log.effort * wave[:, None]), method="contact")
-    assert still.trust.verdict == "good"
-    assert found.trust.verdict == "doubtful"
-    assert "the error bars are widened" in found.trust.reasons[0]
-    bare = weigh(HYQ, replace(log, effort=log.effort * wave[:, None]), method="contact", settings=FORGIVING)
-    gain = 0.03 * (found.mass + HYQ.mass - HYQ.inertias[HYQ.trunk].mass)  # of all torques, which is not widened
-    own, wide = (np.sqrt(w.mass_std**2 - gain**2) for w in (bare, found))
-    assert wide == pytest.approx(np.sqrt(found.trust.misfit) * own, rel=0.02)
 
 
 def test_a_right_log_contradicts_nothing(level: Run) -> None:

@@ -11,13 +11,11 @@ from stadera.trunk.result import TrunkParameters
 from stadera.trunk.samples import Samples
 from stadera.trunk.settings import ChangeSettings, ModelErrors, OutlierSettings, SwingDetection, TrunkSettings
 from stadera.trunk.standing.detection import StaticDetector, StaticLimits
-from stadera.trunk.standing.equilibrium import ConstantErrors
 from stadera.trunk.standing.forces import ContactForceEstimator, ForceNoise
 
 __all__ = [
     "METHODS",
     "ChangeSettings",
-    "ConstantErrors",
     "ContactForceEstimator",
     "Estimator",
     "ForceNoise",

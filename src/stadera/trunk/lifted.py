@@ -48,7 +48,7 @@ class Lifted:
             step: (B,), between samples [s]. edges: (B + 1,), of the blocks.
         """
         J, n = self._joints, np.diff(edges)
-        moved = np.stack([motion.acceleration[:, J], motion.velocity[:, J], sure], axis=1)
+        moved = np.ascontiguousarray(np.stack([motion.acceleration[:, J], motion.velocity[:, J], sure], axis=1))
         parts = np.minimum(np.maximum(np.rint(n * step / self._part), 1), n).astype(np.int64)
         air = np.empty((len(n), force.shape[1]), dtype=bool)
         known = np.ascontiguousarray(self.known), np.ascontiguousarray(self.known_std)

@@ -22,6 +22,7 @@ from stadera.trunk.estimator import TrunkEstimator
 from stadera.trunk.model import TrunkModel
 from stadera.trunk.protocol import OwnEstimator, Weigher
 from stadera.trunk.settings import TrunkSettings
+from stadera.trunk.standing.estimator import StandingEstimator
 from stadera.trunk.standing.forces import ContactForceEstimator
 
 if TYPE_CHECKING:
@@ -62,7 +63,7 @@ class Method:
         summary: one line on what it uses.
         make: constructs an estimator.
         needs_imu: False if it works with joints alone.
-        at_rest: True if it finds the centre of mass of a robot that stands still, and nothing in motion.
+        at_rest: True if it learns from a robot that stands still, and nothing in motion.
     """
 
     summary: str
@@ -112,6 +113,12 @@ METHODS: Mapping[str, Method] = MappingProxyType(
         "combined": Method(
             "static poses, with torque offsets and feet as unknowns",
             _combined,
+            needs_imu=False,
+            at_rest=True,
+        ),
+        "standing": Method(
+            "as walking, of the times at rest; with or without an IMU",
+            lambda s: StandingEstimator(s.robot, s.start, s.settings, s.mount),
             needs_imu=False,
             at_rest=True,
         ),

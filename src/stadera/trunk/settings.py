@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 
 from stadera.errors import ModelError, StaderaError, require_positive
 
@@ -335,6 +335,23 @@ class TrunkSettings:
             "stop",
         )
         require_positive("setting of weighing", self, rest)
+
+    def at_rest(self, block: float) -> TrunkSettings:
+        """For a robot that only stands, in blocks of so long [s]: all count alike, and changes need no averages as long
+        as strides; these are shorter by 2.5.
+        """
+        changes, shorter = self.changes, 2.5 * block / self.block
+        windows = tuple(sorted({max(round(n / shorter), 2) for n in changes.windows}))
+        changes = replace(
+            changes,
+            windows=windows,
+            back=windows[0],
+            pending=max(round(changes.pending / shorter), windows[-1]),
+            confirmed=max(round(changes.confirmed / shorter), 2),
+            history=changes.history / 2.5,
+            sliding=1e-9,
+        )
+        return replace(self, block=block, changes=changes, outliers=replace(self.outliers, held=1.0))
 
     def wait(self, blocks: int) -> int:
         """Number of blocks until model errors and fit are updated, after so many; the first ones update every time."""

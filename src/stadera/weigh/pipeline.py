@@ -7,35 +7,41 @@ errors of the sensors (torque offsets, accelerometer bias, torque lag) are assum
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from math import degrees
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from stadera.constants import DAY, EPOCH
 from stadera.errors import IdentificationError, RecordingError
-from stadera.logs.recording import Imu
+from stadera.logs.recording import Recording
 from stadera.robot.imu import ImuMount
 from stadera.robot.model import Robot
 from stadera.trunk.estimator import TrunkEstimator
 from stadera.trunk.load import SIGNIFICANT, LoadChange, Payload, since_tare
-from stadera.trunk.measurement import Measurement, measurements_of
+from stadera.trunk.measurement import Measurement, measurements_of, rotation_matrix
 from stadera.trunk.memory import Memory
 from stadera.trunk.protocol import Status, Weigher
 from stadera.trunk.registry import Setup, method_of
 from stadera.trunk.samples import Samples
-from stadera.trunk.standing.forces import ContactForceEstimator, measurements_without_imu
+from stadera.trunk.standing.estimator import Stance, Vertical, level_axes
+from stadera.trunk.standing.forces import measurements_without_imu
 from stadera.trust import Trust, Verdict
 from stadera.types import Array, Progress
 from stadera.weigh.against_model import Footprint, doubts
-from stadera.weigh.at_rest import AtRest
 from stadera.weigh.next_steps import next_steps
 from stadera.weigh.reading import CheckedLog
-from stadera.weigh.result import Refusal, Stance, Timeline, Weighing, level_axes
+from stadera.weigh.result import Refusal, Timeline, Weighing
 from stadera.weigh.settings import TestWeight, Watch, WeighSettings
 
-_MORE = ("torque_lag", "spikes", "impacts", "drives", "balance", "vertical")
+if TYPE_CHECKING:
+    from stadera.lab.laws.posture import PostureLaw
+
+_IN_MOTION, _AT_REST = ("torque_lag", "spikes", "impacts", "drives"), ("balance", "vertical")
 """What an estimator may tell beyond the protocol, under its name in `Weighing`."""
 
 
@@ -104,12 +110,26 @@ def whereabouts(payload: Payload | None, trunk: str) -> str:
     return f"the load is at {best[0]}, by odds of {min(odds, 1e6):.2g} to 1 against {second[0]}"
 
 
+def _without_imu(vertical: Vertical | None) -> Iterator[str]:
+    """Says by what a robot without an IMU was weighed."""
+    if vertical is not None and vertical.source == "forces":
+        yield (
+            "no IMU: weighed while the joints stand still, with the direction of the feet's forces as the vertical, "
+            f"known to ±{degrees(vertical.tilt_std):.2g}°, which is in the error bars; a steady push or pull and a "
+            "floor that accelerates would be taken for weight, and neither inertia nor anything in motion is known"
+        )
+
+
+def _kind(reason: str) -> str:
+    """A reason without its figures and names."""
+    return re.sub(r"[-+]?\d[\d.]*|'[^']*'", "#", reason)
+
+
 class _LogPass:
     """Processing of one log of a request; continues with the estimator of `before`, the processing of the tare's log,
     if there is one.
 
-    `AtRest` keeps a record of its own, block by block; of all others the timeline and the refusals are asked for while
-    the log is read.
+    Its timeline and refusals are asked for while the log is read.
     """
 
     def __init__(self, request: Request, log: CheckedLog, before: _LogPass | None = None) -> None:
@@ -118,7 +138,7 @@ class _LogPass:
         self._range = request.tare if isinstance(request.tare, tuple) else None
         self._estimator = None if before is None else before.estimator
         self._changes_before = 0 if self._estimator is None else len(self._estimator.changes)
-        self.tared = before is not None
+        self.tared, self._tared_at = before is not None, -np.inf
         self._time = np.nan  # of the last sample
         self._shift = 0.0  # puts this log after the tare's on the estimator's clock [s]
         if before is not None:
@@ -134,11 +154,6 @@ class _LogPass:
             raise IdentificationError(f"{self.log.source.source}: nothing could be learnt: no samples")
         return self._estimator
 
-    @property
-    def at_rest(self) -> AtRest | None:
-        """The estimator, if it is the one at rest."""
-        return self._estimator if isinstance(self._estimator, AtRest) else None
-
     def read(self) -> None:
         """Processes the log, piece by piece between the timeline's entries, and takes the tare at the end of its
         range.
@@ -148,7 +163,7 @@ class _LogPass:
         for chunk in self.log:
             if self._estimator is None:
                 progress("preparing; the first run on a machine compiles for some seconds", 0, 0)
-                self._estimator = self._made(chunk.imu)
+                self._estimator = self._made(chunk)
             time, robot, frame = chunk.time, request.robot, self.log.imu_frame
             self._check_rate(time)
             if chunk.imu is None and self.log is request.tare:
@@ -156,7 +171,7 @@ class _LogPass:
             if self._shift:
                 chunk = replace(chunk, time=time + self._shift)
             samples: Samples | list[Measurement]
-            if isinstance(self._estimator, TrunkEstimator):
+            if not self._method.at_rest and isinstance(self._estimator, TrunkEstimator):
                 samples = kept = Samples.of_recording(chunk, robot, frame)
             else:
                 found = measurements_of(chunk, robot, frame) if chunk.imu else measurements_without_imu(chunk, robot)
@@ -172,24 +187,21 @@ class _LogPass:
                     self._refuse(float(time[0]), float(time[begin - 1]), "before the tare's time")
             ends = {begin, end, len(time), *entries, *range(0, len(time), settings.ahead)}
             steps: Iterator[float] = iter(())
-            if stepwise := isinstance(samples, Samples) and isinstance(self._estimator, TrunkEstimator):
+            if isinstance(samples, Samples) and isinstance(self._estimator, TrunkEstimator):
                 steps = self._estimator.learning(samples[begin:].table)
             due = next(steps, np.inf)
             for start, stop in pairwise(sorted(k for k in ends if k >= begin)):
-                if not stepwise:
+                if not isinstance(samples, Samples):
                     self.estimator.add(samples[start:stop])
                 while due <= chunk.time[stop - 1]:
                     due = next(steps, np.inf)
                 self._time = float(time[stop - 1])
                 if request.watch is not None:
                     request.watch(samples[start:stop], self.estimator)  # type: ignore[arg-type]
-                if self.at_rest is None:
-                    self._record(float(time[start]), entry=stop in entries)
+                self._record(float(time[start]), entry=stop in entries)
                 self._tare_when_due()
             done += len(time)
             progress(f"weighing {self.log.source.name}", done, 0)
-        if self.at_rest is not None:
-            self.at_rest.restart()
 
     def tare(self, where: str) -> None:
         """Makes the present estimate of the trunk the reference for the payload."""
@@ -201,38 +213,38 @@ class _LogPass:
         self.estimator.tare()
         if self._request.weight is not None and isinstance(self.estimator, TrunkEstimator):
             self.estimator.know_weight(*self._request.weight)  # the load may have changed since the beginning, unsaid
-        self.tared = True
+        self.tared, self._tared_at = True, self._time
 
     def result(self) -> Weighing:
         """The result from everything processed so far."""
-        estimator, at_rest, log = self.estimator, self.at_rest, self.log
+        estimator, log, refused = self.estimator, self.log, self._refused
         estimate = estimator.estimate()
-        if at_rest is None and not np.isnan(estimate.time):
-            self._enter()
         if np.isnan(estimate.time):
-            raise IdentificationError(
-                f"{log.source.source}: nothing could be learnt: {estimate.reason or 'too few samples'}"
-            )
+            what, reason = "nothing could be learnt", estimate.reason or "too few samples"
+            if self._method.at_rest and refused:
+                what = "the robot never stands still, nothing to weigh by"
+                reason = max(refused, key=lambda r: r.end - r.begin).reason
+                if log.first.imu is None:
+                    reason += "; the log has no IMU, without which only rest can be weighed by"
+            raise IdentificationError(f"{log.source.source}: {what}: {reason}")
+        self._enter()
         if (known := self._request.known) is not None and isinstance(estimator, TrunkEstimator):
             estimator.know_payload(known.mass, known.com, known.mass_std, known.com_std)
         memory, said = self._remembered()
-        try:
-            payload = estimator.payload
-        except IdentificationError as error:
-            raise IdentificationError(f"{log.source.source}: {error}") from None
+        if self._method.at_rest and estimate.time < self._tared_at + self._request.settings.entry:
+            raise IdentificationError(
+                f"{log.source.source}: the robot does not stand still after the tare's time, "
+                f"{self._tared_at - log.begin:.3g} s"
+            )
+        payload = estimator.payload
         logs = [log] if self._before is None else [self._before.log, log]
         learnt = estimate.time - self._shift
-        if at_rest is None:
-            trust, refused, remarks = trust_now(estimator, learnt, log.begin), self._refused, []
-            time, values, stds, added = (np.array(column) for column in zip(*self._entries, strict=True))
-            line = Timeline(
-                time, values[:, 0], stds[:, 0], values[:, 1:], stds[:, 1:], None if payload is None else added
-            )
-        else:
-            trust, remarks = estimator.trust, at_rest.remarks(self._request.method)
-            line = at_rest.timeline.of_log(log.begin, self._shift)
-            refused = [*self._refused, *(r.shifted(-self._shift) for r in at_rest.refusals)]
+        short = self._method.at_rest and self._time - learnt < self._request.settings.stale
+        trust = estimator.trust if short else trust_now(estimator, learnt, log.begin)
+        time, values, stds, added = (np.array(column) for column in zip(*self._entries, strict=True))
+        line = Timeline(time, values[:, 0], stds[:, 0], values[:, 1:], stds[:, 1:], None if payload is None else added)
         doubted, stood = self._doubted(trust, payload, logs), self._footprint.stance
+        more = {name: getattr(estimator, name, None) for name in (_AT_REST if self._method.at_rest else _IN_MOTION)}
         return Weighing(
             robot=self._request.robot,
             source=log.source.source,
@@ -250,7 +262,8 @@ class _LogPass:
             begin=log.begin,
             end=log.end,
             notes=(
-                *dict.fromkeys([*remarks, *(note for read in logs for note in read.notes)]),
+                *_without_imu(more.get("vertical")),
+                *dict.fromkeys(note for read in logs for note in read.notes),
                 *self._uncovered(),
                 *filter(None, [whereabouts(payload, self._request.robot.trunk)]),
                 *filter(None, [said]),
@@ -258,7 +271,7 @@ class _LogPass:
             memory=memory,
             stance=None if stood is None else Stance(level_axes(stood[0]), stood[1]),
             next=() if doubted.verdict == "bad" else next_steps(self._request.robot, estimator),
-            **{name: getattr(estimator, name, None) for name in _MORE},  # type: ignore[arg-type]
+            **more,  # type: ignore[arg-type]
         )
 
     # -- inside -----------------------------------------------------------------------------------------------
@@ -271,17 +284,17 @@ class _LogPass:
         if (test := self._request.known) is not None:
             place = ", ".join(f"{v:g}" for v in test.com)
             yield f"the payload is a test weight of {test.mass:g} kg at {place} m, as its owner says"
-        if not self.tared and self.at_rest is None:
+        if not self.tared and isinstance(self.estimator, TrunkEstimator):
             known = self._request.settings.trunk.changes.history
             yield f"a load put on in the first {known:g} s counts as part of the trunk; a tare (--tare) tells it apart"
 
-    def _made(self, imu: Imu | None) -> Weigher:
-        request, robot = self._request, self._request.robot
-        if self._method.at_rest:
-            lacks = "; the log has no IMU, without which only rest can be weighed by" if imu is None else ""
-            return AtRest(robot, self._locating, request.settings, lacks)
-        mount = ImuMount.of(robot, self.log.imu_frame or (None if imu is None else imu.frame))
-        estimator = self._method.make(Setup(robot, mount=mount, settings=request.settings.trunk, at=request.at))
+    def _made(self, chunk: Recording) -> Weigher:
+        request, robot, settings = self._request, self._request.robot, self._request.settings.trunk
+        mount = ImuMount.of(robot, self.log.imu_frame or (None if chunk.imu is None else chunk.imu.frame))
+        if self._method.at_rest and len(chunk) > 1:  # a block has two samples, also of a slow log
+            settings = settings.at_rest(float(np.clip(2.0 * np.median(np.diff(chunk.time)), settings.block, 0.2)))
+        setup = Setup(robot, posture=self._posture(chunk, mount), mount=mount, settings=settings, at=request.at)
+        estimator = self._method.make(setup)
         if isinstance(estimator, TrunkEstimator):
             if request.weight is not None:
                 estimator.know_weight(*request.weight)
@@ -301,18 +314,18 @@ class _LogPass:
             return None, ""
         return estimator.told(memory, self._days)
 
-    def _locating(self, first: Measurement, forces: ContactForceEstimator) -> Weigher:
-        """The method at rest, by a log's first measurement."""
-        posture, stiffness = None, self._request.stiffness
-        if stiffness is not None:
-            if first.rotation is None:
-                raise IdentificationError(
-                    f"{self.log.source.source}: the method 'orientation' needs columns imu.orientation.x, ..."
-                )
-            from stadera.lab.laws.posture import PostureLaw
+    def _posture(self, first: Recording, mount: ImuMount) -> PostureLaw | None:
+        """The trunk controller of the request, with the log's first orientation as its reference."""
+        if (stiffness := self._request.stiffness) is None:
+            return None
+        if first.imu is None or first.imu.orientation is None:
+            raise IdentificationError(
+                f"{self.log.source.source}: the method 'orientation' needs columns imu.orientation.x, ..."
+            )
+        from stadera.lab.laws.posture import PostureLaw
 
-            posture = PostureLaw(np.array(stiffness), first.rotation, feeds_back=False)
-        return self._method.make(Setup(self._request.robot, forces=forces, posture=posture))
+        reference = mount.trunk_rotation(rotation_matrix(first.imu.orientation[0]))
+        return PostureLaw(np.array(stiffness), reference, feeds_back=False)
 
     def _check_rate(self, time: Array) -> None:
         settings, step = self._request.settings, float(np.median(np.diff(time))) if len(time) > 1 else 0.0
@@ -350,7 +363,11 @@ class _LogPass:
 
     def _refuse(self, begin: float, end: float, reason: str) -> None:
         last = self._refused[-1] if self._refused else None
-        if last is not None and last.reason == reason and begin - last.end < 2.0 * self._request.settings.entry:
+        if (
+            last is not None
+            and _kind(last.reason) == _kind(reason)
+            and begin - last.end < 2.0 * self._request.settings.entry
+        ):
             self._refused[-1] = replace(last, end=end)
         else:
             self._refused.append(Refusal(begin, end, reason))

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass, replace
 from os import PathLike
-from typing import TYPE_CHECKING, Any, Literal
-
-import numpy as np
+from typing import TYPE_CHECKING, Any
 
 from stadera.files import written_together
 from stadera.results import Result, data_frame
@@ -16,8 +14,9 @@ from stadera.trunk.drives import Drives
 from stadera.trunk.load import LoadChange, Payload, plain, quantity
 from stadera.trunk.memory import Memory
 from stadera.trunk.result import TrunkParameters
+from stadera.trunk.standing.estimator import Balance, Stance, Vertical
 from stadera.trust import Trust
-from stadera.types import Array, Bools
+from stadera.types import Array
 from stadera.weigh.next_steps import NextStep, UseLimits
 
 if TYPE_CHECKING:
@@ -51,12 +50,10 @@ class Timeline:
     """The trunk over time, with all that is on it; trunk frame.
 
     Attributes:
-        time: (entries,) [s]; at rest the middle of each block.
-        mass, mass_std: (entries,) [kg]; at rest of the block alone.
-        com, com_std: (entries, 3) [m], as estimated at that time.
+        time: (entries,) [s].
+        mass, mass_std: (entries,) [kg], com, com_std: (entries, 3) [m], as estimated at that time.
         payload: (entries, 2) [kg], its mass since the tare and the standard deviation, NaN before the tare; None if it
             is not tracked.
-        load: (entries, 4) [N], vertical forces of the feet at rest, legs in the robot's order; None in motion.
 
     Entries that were not observed are NaN.
     """
@@ -67,14 +64,6 @@ class Timeline:
     com: Array
     com_std: Array
     payload: Array | None = None
-    load: Array | None = None
-
-    def of_log(self, begin: float, shift: float) -> Timeline:
-        """The entries from `begin` [s] on, on a clock that is behind by `shift` [s]."""
-        time = self.time - shift
-        values: dict[str, Any] = {f.name: getattr(self, f.name) for f in fields(self)} | {"time": time}
-        kept: dict[str, Any] = {name: None if x is None else x[time >= begin] for name, x in values.items()}
-        return Timeline(**kept)
 
     @property
     def columns(self) -> dict[str, Array]:
@@ -90,63 +79,6 @@ class Timeline:
         """Plain values for JSON."""
         found = {name: plain(values) for name, values in self.columns.items() if not name.startswith("com_")}
         return found | {"com": [plain(com) for com in self.com], "com_std": [plain(std) for std in self.com_std]}
-
-
-def level_axes(up: Array) -> Array:
-    """Rotation (3, 3) from trunk axes to level ones, x where the trunk's points; `up` (3,) is the vertical, a unit
-    vector in trunk axes.
-    """
-    ahead = np.array([1.0, 0.0, 0.0]) - up[0] * up
-    ahead /= max(float(np.linalg.norm(ahead)), 1e-9)
-    return np.array([ahead, np.cross(up, ahead), up])
-
-
-@dataclass(frozen=True, eq=False)
-class Stance:
-    """Pose of the robot on its feet; each leg as it is on average while its foot is on the ground.
-
-    Attributes:
-        to_level: (3, 3), from trunk axes to level ones.
-        position: (joints,) [rad], in the order of the robot's tree.
-    """
-
-    to_level: Array
-    position: Array
-
-
-@dataclass(frozen=True, eq=False)
-class Balance(Stance):
-    """Balance of the robot at the end of the log.
-
-    `pressure` and `robot_com` are in the level plane through the trunk's origin, x where the trunk's x points.
-    """
-
-    feet: Array  # (4, 3) [m], contacts, trunk frame
-    stance: Bools  # (4,) bool
-    force: Array  # (4,) [N], vertical
-    pressure: Array  # (2,) [m], centre of pressure: mean position of the feet weighted by their forces
-    robot_com: Array  # (2,) [m], estimated centre of mass of the whole robot; NaN where not observed
-
-
-@dataclass(frozen=True, eq=False)
-class Vertical:
-    """Unit vector upwards (3,) in trunk axes at the end of the log, and the standard deviations of its components,
-    constant errors included; from the "imu", or the "forces" of the feet without one.
-    """
-
-    source: Literal["imu", "forces"]
-    up: Array
-    std: Array
-
-    @property
-    def tilt_std(self) -> float:
-        """Standard deviation of the tilt, the root mean square of both directions [rad]."""
-        return float(np.linalg.norm(self.std) / np.sqrt(2.0))
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain values for JSON."""
-        up = {"value": plain(self.up), "std": plain(self.std)}
-        return {"source": self.source, "up": up, "tilt_std": self.tilt_std}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -344,9 +276,7 @@ class Weighing(Result):
         return tables(self.since_beginning())
 
     def to_figures(self, truth: Truth | None = None) -> Mapping[str, Figure]:
-        """Figures: payload (with a tare, in motion), mass, balance (at rest), convergence (of the centre of mass),
-        forces.
-        """
+        """Figures: payload (with a tare), mass, balance (where the load is), convergence (of the centre of mass)."""
         from stadera.report.weigh.plots import figures
 
         return figures(*_shown(self, truth))

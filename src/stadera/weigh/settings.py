@@ -39,16 +39,9 @@ class WeighSettings:
         log_gap: gap inserted between the tare's log and the other log [s].
         sound: number of successive consistent windows that cannot be a coincidence, in a log with contradictions
             elsewhere.
-        poses: number of latest poses kept of one load at rest.
         trunk: settings of the estimator for motion, see `TrunkSettings`.
-        block: length of a block at rest [s].
-        least_change: least difference in mass between blocks at rest that counts as a change, as a share of the robot's
-            mass.
-        change_deviations: least difference in standard deviations; both limits must be exceeded.
         stale: time between the last rest and the end of the log above which a change of the load may have been missed
             [s].
-        doubtful_misfit: variance of the masses of blocks at rest, divided by the stated one, above which the result is
-            doubtful and its error bars are widened.
         windows: criteria for signals that contradict each other in part of a log, see `WindowLimits`.
         model: when a difference of the trunk from its model is doubtful, see `AgreementLimits`.
         window: length of the windows in which encoders, torques and IMU are compared in such a log [s].
@@ -60,13 +53,8 @@ class WeighSettings:
     ahead: int = 512
     log_gap: float = 10.0
     sound: int = 4
-    poses: int = 200
     trunk: TrunkSettings = field(default_factory=TrunkSettings)
-    block: float = 0.25
-    least_change: float = 0.01
-    change_deviations: float = 5.0
     stale: float = 1.0
-    doubtful_misfit: float = 3.0
     windows: WindowLimits = field(default_factory=WindowLimits)
     model: AgreementLimits = field(default_factory=AgreementLimits)
     window: float = 0.5

@@ -25,8 +25,8 @@ from stadera.weigh.reading import CheckedLog, with_extra_joints
 from stadera.weigh.result import Weighing
 from stadera.weigh.settings import IN_MOTION, TestWeight, Watch, WeighSettings, check_choice, weight_std
 
-WITH_IMU, WITHOUT_IMU = "contact", "poses"
-"""Default methods at rest."""
+AT_REST = "standing"
+"""Name in `METHODS` of the library's method at rest."""
 
 
 @one_thread()
@@ -57,8 +57,7 @@ def weigh(
             wholly before the log's first stamp counts from there, as for a log with Unix time.
         method: name from `stadera.trunk.registry.METHODS`, or FILE.py:Name for an estimator of your own, see
             `stadera.trunk.registry`. None chooses "walking" (any motion, standing included) for a
-            log with an IMU and at least 50 samples a second; otherwise a method at rest: "contact" with an IMU, "poses"
-            without.
+            log with an IMU and at least 50 samples a second; otherwise "standing", at rest.
         imu_frame: frame of the IMU's values; None for the one named in the log, else the model's.
         stiffness: of the trunk controller about the trunk's axes [N·m/rad], for the method "orientation" only.
         force: return a result even if it cannot be trusted; `trust` and every output say so.
@@ -129,11 +128,11 @@ def _choose_method(log: CheckedLog, others: list[CheckedLog], settings: WeighSet
         if half := next((note for note in first.notes if note.startswith(HALF_IMU)), ""):
             raise RecordingError(
                 f"{first.source}: {half}: name it with --columns, or weigh without the IMU, at rest only, by "
-                f"--method {WITHOUT_IMU}"
+                f"--method {AT_REST}"
             )
-        return WITHOUT_IMU
+        return AT_REST
     slow = np.median(np.diff(first.time)) > settings.jitter / settings.least_rate
-    return WITH_IMU if slow or any(other.first.imu is None for other in others) else IN_MOTION
+    return AT_REST if slow or any(other.first.imu is None for other in others) else IN_MOTION
 
 
 def _check_method(
@@ -147,15 +146,17 @@ def _check_method(
 ) -> None:
     """Checks that a method suits logs and options. Raises RecordingError or IdentificationError."""
     method, source = method_of(name), log.source
-    in_motion = (
-        (watch, "only weighing in motion can be watched"),
-        (weight, "a weight is used in motion only"),
-        (more is not None, "a test weight and a memory are used in motion only"),
-        (at is not None, "a payload elsewhere than on the trunk is weighed in motion only"),
+    both = (IN_MOTION, AT_REST)
+    limited = (
+        (watch, "only weighing in motion can be watched", both[:1]),
+        (weight, "a weight is used", both),
+        (more is not None, "a test weight and a memory are used", both),
+        (at is not None, "a payload elsewhere than on the trunk is weighed in motion only", both[:1]),
     )
-    for asked, what in in_motion:
-        if asked and name != IN_MOTION:
-            raise IdentificationError(f"{source.source}: {what}, by {IN_MOTION!r}; this log is weighed by {name!r}")
+    for asked, what, by in limited:
+        if asked and name not in by:
+            only = " or ".join(map(repr, by))
+            raise IdentificationError(f"{source.source}: {what}, by {only}; this log is weighed by {name!r}")
     if method.needs_imu:
         for each in [log] if method.at_rest else [log, *others]:
             each.require_imu(name)

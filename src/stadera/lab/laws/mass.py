@@ -17,12 +17,12 @@ import numpy as np
 
 from stadera.constants import GRAVITY
 from stadera.errors import require_positive
+from stadera.lab.laws.equilibrium import felt_by_mass
 from stadera.lab.laws.static import StaticEstimator, stated_errors, white_covariance
 from stadera.robot.model import Robot
 from stadera.trunk.measurement import Measurement
 from stadera.trunk.model import TrunkModel
 from stadera.trunk.protocol import unobserved
-from stadera.trunk.standing.equilibrium import felt_by_mass
 from stadera.trunk.standing.forces import ContactForceEstimator, ContactForces
 from stadera.types import Array
 

@@ -1,9 +1,9 @@
 """Approach (a): the centre of mass by least squares over static poses (the paper's section III.A, eq. 8-11).
 
-The equations at rest (`stadera.trunk.standing`) contain only the centre of mass normal to the vertical; poses that tilt
-the trunk about two axes determine all of it. With `COMBINED` the errors are estimated as well: they stay the same while
-the poses change, and two unknown torques cannot mimic a shifted load at every tilt, height and position of the trunk.
-Then
+The equations at rest (`stadera.lab.laws.equilibrium`) contain only the centre of mass normal to the vertical; poses
+that tilt the trunk about two axes determine all of it. With `COMBINED` the errors are estimated as well: they stay the
+same while the poses change, and two unknown torques cannot mimic a shifted load at every tilt, height and position of
+the trunk. Then
 
     Σ_poses ‖whitened equations(θ, n)‖² + nᵀ C⁻¹ n + the weak prior
 
@@ -13,13 +13,17 @@ nearly so in these. Each leg in the air adds three equations.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from stadera.errors import require_positive
+from stadera.constants import GRAVITY
+from stadera.errors import ModelError, require_positive
 from stadera.information import Information, Unknowns
+from stadera.lab.laws.equilibrium import ConstantErrors, constant_errors_of, equilibrium_rows
 from stadera.lab.laws.static import StaticEstimator, stated_errors
 from stadera.robot.model import Robot
 from stadera.trunk.load import centre_slope
@@ -27,13 +31,89 @@ from stadera.trunk.measurement import Measurement
 from stadera.trunk.model import TrunkBounds, TrunkModel
 from stadera.trunk.protocol import TrunkEstimate, unobserved
 from stadera.trunk.standing.detection import StaticLimits
-from stadera.trunk.standing.equilibrium import ConstantErrors, constant_errors_of
 from stadera.trunk.standing.forces import ContactForceEstimator, ContactForces, ForceNoise
-from stadera.trunk.standing.poses import Alike, PoseMean, with_box, with_poses
 from stadera.types import Array
 
 SETTLED = StaticLimits(joint_velocity=0.02, quiet=0.5)
 """Limits for a robot at rest for so long that the trunk's residual sway is negligible."""
+
+
+@dataclass(frozen=True)
+class Alike:
+    """Largest difference between a sample and the mean of its pose.
+
+    Attributes:
+        joint: of any joint [rad].
+        tilt: of the vertical [rad]; ignored if the vertical comes from the feet's forces, whose noise exceeds the tilt
+            between poses.
+    """
+
+    joint: float = 0.02
+    tilt: float = 0.01
+
+    def __post_init__(self) -> None:
+        if not (self.joint > 0 and self.tilt > 0):
+            raise ModelError(f"samples of a pose need positive tolerances, got {self.joint} rad, {self.tilt} rad")
+
+
+class PoseMean:
+    """Running mean of similar samples, of which there are `count`."""
+
+    def __init__(self, first: Measurement) -> None:
+        self._first, self._mean = first, {name: value.copy() for name, value in _averaged(first).items()}
+        self._foot_squares, self._effort_squares = 0.0, np.zeros((len(first.effort), len(first.effort)))
+        self.count = 1
+
+    def takes(self, m: Measurement, alike: Alike) -> bool:
+        """Adds a sample if it is similar and the same legs are in stance; returns whether it was added."""
+        values, k = _averaged(m), len(m.extra) // 3
+        if _meant(m) != _meant(self._first) or values.keys() != self._mean.keys():
+            return False
+        away = {name: value - self._mean[name] for name, value in values.items()}
+        joints = np.append(away["joint_position"], away["extra"][:k])
+        if float(np.abs(joints).max()) > alike.joint:
+            return False
+        if not m.vertical_by_forces and float(np.abs(away["up"]).max()) > alike.tilt:
+            return False
+        self.count += 1
+        share = 1.0 / self.count
+        for name, value in away.items():
+            self._mean[name] += share * value
+        self._effort_squares += (1.0 - share) * np.outer(away["effort"], away["effort"])
+        if "foot_position" in away:
+            self._foot_squares += (1.0 - share) * float((away["foot_position"] ** 2).sum())
+        return True
+
+    @property
+    def effort_covariance(self) -> Array:
+        """Covariance (n, n) of the mean efforts [N²·m²] from their scatter; 0 for a single sample."""
+        return np.asarray(self._effort_squares / (max(self.count - 1, 1) * self.count))
+
+    @property
+    def foot_variance(self) -> float:
+        """Variance of each component of the feet's mean positions [m²] from their scatter; 0 if not measured."""
+        values = self._mean["foot_position"].size if "foot_position" in self._mean else 1
+        return self._foot_squares / (values * max(self.count - 1, 1) * self.count)
+
+    @property
+    def measurement(self) -> Measurement:
+        """The mean, as a measurement at rest."""
+        mean: dict[str, Any] = {name: value.copy() for name, value in self._mean.items()}
+        up, still = mean.pop("up"), np.zeros_like(mean["effort"])
+        force = GRAVITY * up / np.linalg.norm(up)
+        at_rest: dict[str, Any] = {"joint_velocity": still, "angular_velocity": np.zeros(3), "rotation": None}
+        return replace(self._first, specific_force=force, **mean, **at_rest)
+
+
+def _averaged(m: Measurement) -> dict[str, Array]:
+    """What is averaged over a pose."""
+    values = {"joint_position": m.joint_position, "effort": m.effort, "up": m.up, "extra": m.extra}
+    return values if m.foot_position is None else values | {"foot_position": m.foot_position}
+
+
+def _meant(m: Measurement) -> list[bool]:
+    """Legs meant to be in stance; none are known, none are named."""
+    return [] if m.stance is None else m.stance.tolist()
 
 
 @dataclass(frozen=True)
@@ -119,6 +199,13 @@ class PosesCom(StaticEstimator):
         """Constant errors as last estimated, (k,), see `constant_errors_of`; zero if they are not estimated."""
         return self._linear_at.copy()
 
+    def tare(self) -> None:
+        """Makes the present estimate the reference for `payload`, and begins anew: later poses may be of another
+        load.
+        """
+        super().tare()
+        self._folded, self._open, self._closed = plausible(self.robot, self._start, self.bounds), None, []
+
     def estimate(self) -> TrunkEstimate:
         """The estimate from all poses so far, computed on demand."""
         refusal = "" if self._ran_away else self._reason
@@ -184,6 +271,42 @@ def _conditioned(value: Array, covariance: Array, fixed: NDArray[np.intp], at: A
     result = value + gain @ (at[fixed] - value[fixed])
     result[fixed] = at[fixed]
     return np.asarray(result)
+
+
+def with_poses(
+    known: Information,
+    forces: ContactForceEstimator,
+    poses: Iterable[PoseMean],
+    errors: Array | None = None,
+) -> Information:
+    """Adds the equations of some poses.
+
+    Args:
+        known: on trunk and errors.
+        forces: estimator of contact forces, with the noise that weights the rows.
+        errors: (k,), values of n at which the equations are linearised; None for zero.
+    """
+    at = np.zeros(len(constant_errors_of(forces.robot))) if errors is None else errors
+    for pose in poses:
+        rows, target = equilibrium_rows(
+            forces, pose.measurement, pose.count, at, pose.foot_variance, pose.effort_covariance
+        )
+        matrix = np.zeros((len(rows), len(known)))
+        matrix[:, known["trunk"]], matrix[:, known["errors"]] = rows[:, :4], rows[:, 4:]
+        known = known.add(matrix, target)
+    return known
+
+
+def with_box(known: Information, body: str, bounds: TrunkBounds, mass: float, com: Array | None = None) -> Information:
+    """Adds the weak prior on the first moment of a body of about this mass [kg]: com (3,) [m], None for the box's
+    middle, as wide as the box.
+    """
+    com = 0.5 * (np.asarray(bounds.low) + np.asarray(bounds.high)) if com is None else com
+    place, scale = known[body], 1.0 / (mass * bounds.spread[1:])
+    matrix = np.zeros((3, len(known)))
+    matrix[:, place.start] = -com * scale
+    matrix[:, place.start + 1 : place.stop] = np.diag(scale)
+    return known.add(matrix, np.zeros(3))
 
 
 def plausible(robot: Robot, start: TrunkModel, bounds: TrunkBounds) -> Information:

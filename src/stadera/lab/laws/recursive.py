@@ -36,13 +36,13 @@ import numpy as np
 from stadera.constants import GRAVITY
 from stadera.errors import IdentificationError, ModelError, positive, require_positive
 from stadera.inertia import skew
+from stadera.lab.laws.equilibrium import error_slope
 from stadera.lab.laws.static import StaticEstimator, stated_errors, white_covariance
 from stadera.robot.model import Robot
 from stadera.trunk.measurement import Measurement
 from stadera.trunk.model import TrunkModel
 from stadera.trunk.protocol import unobserved
 from stadera.trunk.standing.detection import StaticLimits
-from stadera.trunk.standing.equilibrium import error_slope
 from stadera.trunk.standing.forces import ContactForceEstimator, ContactForces
 from stadera.types import Array
 

@@ -7,12 +7,12 @@ from math import isnan
 
 import numpy as np
 
+from stadera.lab.laws.equilibrium import ConstantErrors, constant_errors_of
 from stadera.robot.model import Robot
 from stadera.trunk.measurement import Measurement
 from stadera.trunk.model import ImplausibleError, TrunkBounds, TrunkModel
 from stadera.trunk.protocol import Status, StepEstimator, TrunkEstimate
 from stadera.trunk.standing.detection import StaticDetector, StaticLimits, not_finite, stretched
-from stadera.trunk.standing.equilibrium import ConstantErrors, constant_errors_of
 from stadera.trunk.standing.forces import ContactForceEstimator, ContactForces, ForceNoise
 from stadera.types import Array
 
@@ -33,7 +33,7 @@ def stated_errors(
     std[places["vertical"]], std[places["link_mass"]] = orientation, noise.leg_mass
     C = np.diag(np.maximum(std, 1e-9) ** 2)
     C[torque, torque] += common_torque**2
-    return ConstantErrors(places, C, np.zeros_like(C[torque, torque]))
+    return ConstantErrors(places, C)
 
 
 def white_covariance(forces: ContactForces) -> Array:

@@ -18,15 +18,14 @@ from stadera.constants import GRAVITY
 from stadera.errors import ModelError, require_positive
 from stadera.inertia import skew
 from stadera.lab.control.legs import MeasuredLegs, foot_jacobians
-from stadera.lab.laws.poses import centre_of, plausible, with_errors
+from stadera.lab.laws.equilibrium import ConstantErrors
+from stadera.lab.laws.poses import PoseMean, centre_of, plausible, with_errors, with_poses
 from stadera.robot.kinematics import foot_positions
 from stadera.robot.model import Robot
 from stadera.robot.stance import nominal_feet, standing_configuration
 from stadera.trunk.measurement import Measurement
 from stadera.trunk.model import TrunkBounds, TrunkModel
-from stadera.trunk.standing.equilibrium import ConstantErrors
 from stadera.trunk.standing.forces import ContactForceEstimator
-from stadera.trunk.standing.poses import PoseMean, with_poses
 from stadera.types import Array
 
 

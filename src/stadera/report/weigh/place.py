@@ -14,8 +14,9 @@ from stadera.report.numbers import number
 from stadera.robot.limbs import place_of
 from stadera.robot.model import Robot
 from stadera.trunk.load import SIGNIFICANT, Payload
+from stadera.trunk.standing.estimator import Balance, Stance
 from stadera.types import Array
-from stadera.weigh.result import Balance, Stance, Weighing
+from stadera.weigh.result import Weighing
 
 if TYPE_CHECKING:
     from stadera.lab.truth import Truth

@@ -1,4 +1,4 @@
-"""Figures of a weighing: where the load is; payload, mass, centre of mass and forces over time."""
+"""Figures of a weighing: where the load is; payload, mass and centre of mass over time."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stadera.report.figures import Axis, Figure, Guide, Panel, Series, band, line, stacked
-from stadera.report.look import LEGS
 from stadera.report.weigh.place import place_figure
 from stadera.types import Array
 from stadera.weigh.result import Weighing
@@ -23,7 +22,6 @@ def figures(result: Weighing, truth: Truth | None = None) -> dict[str, Figure]:
         "mass": mass_figure(result, truth),
         "balance": place_figure(result, truth),
         "convergence": com_figure(result, truth),
-        "forces": force_figure(result),
     }
     return {name: figure for name, figure in found.items() if figure is not None and not figure.is_empty}
 
@@ -41,8 +39,7 @@ def mass_figure(result: Weighing, truth: Truth | None = None) -> Figure:
     """Mass of the trunk over time with two standard deviations, the changes, and the truth."""
     line_, true = result.timeline, None if truth is None else [m.mass for m in truth.moments]
     panel = _panel(result, "trunk's mass [kg]", "trunk with all on it", line_.mass, line_.mass_std, truth, true)
-    note = "As known at that time." if result.torque_lag is not None else "Of each block at rest alone."
-    return Figure("Mass over time", ((panel,),), note, 300.0)
+    return Figure("Mass over time", ((panel,),), "As known at that time.", 300.0)
 
 
 def com_figure(result: Weighing, truth: Truth | None = None) -> Figure | None:
@@ -53,23 +50,7 @@ def com_figure(result: Weighing, truth: Truth | None = None) -> Figure | None:
             true = None if truth is None else [m.com[k] for m in truth.moments]
             panels.append(_panel(result, f"com {'xyz'[k]} [m]", "found", com[:, k], std[:, k], truth, true))
     note = "As known at that time; a gap where it was not."
-    if result.torque_lag is None:
-        note += (
-            " Methods at rest start from the model's value, and anew after each change: the bands do not include the "
-            "settling transient."
-        )
     return stacked("Centre of mass over time", panels, note) if panels else None
-
-
-def force_figure(result: Weighing) -> Figure | None:
-    """Vertical force of each foot over time, from joint torques; None in motion."""
-    if (load := result.timeline.load) is None:
-        return None
-    marks = tuple(
-        line(result.timeline.time, load[:, k], leg.name, LEGS[k % len(LEGS)]) for k, leg in enumerate(result.robot.legs)
-    )
-    panel = Panel(_time(result), Axis("vertical force [N]", zero=True), marks, _guides(result))
-    return Figure("Forces of the ground", ((panel,),), "Vertical, from joint torques.", 300.0)
 
 
 def _panel(

@@ -37,9 +37,7 @@ from stadera.errors import ModelError
 from stadera.inertia import skew
 from stadera.information import Unknowns
 from stadera.robot.model import Robot
-from stadera.trunk.error_model import ErrorModel
 from stadera.trunk.measurement import Measurement
-from stadera.trunk.settings import ModelErrors
 from stadera.trunk.standing.forces import ContactForceEstimator, ContactForces, vertical_by_forces
 from stadera.types import Array
 
@@ -59,8 +57,6 @@ class ConstantErrors:
     Attributes:
         places: names and places of the errors.
         covariance: (k, k), of torques [N·m], feet [m], vertical [rad] and links' masses (shares).
-        sticking: (J, J) [N²·m²], part of the torques' covariance that is static friction. It is constant while the
-            robot stands, and another one after a load has moved the joints: it does not cancel between two loads.
 
     Raises:
         ModelError: wrong shape, or not a covariance of positive variances.
@@ -68,43 +64,12 @@ class ConstantErrors:
 
     places: Unknowns
     covariance: Array
-    sticking: Array
 
     def __post_init__(self) -> None:
         C, k = np.array(self.covariance, dtype=float), len(self.places)
         if C.shape != (k, k) or not np.isfinite(C).all() or np.linalg.eigvalsh(C).min() <= 0:
             raise ModelError(f"constant errors need a positive definite covariance {(k, k)}")
         object.__setattr__(self, "covariance", C)
-
-    @classmethod
-    def of_robot(cls, robot: Robot, sizes: ModelErrors | None = None) -> ConstantErrors:
-        """Of a real robot, with the sizes that weighing in motion assumes too (`trunk.error_model`): torques are off by
-        their offsets and by static friction, which holds up to a joint's Coulomb friction and its friction under load.
-        """
-        model, places = ErrorModel(robot, sizes or ModelErrors(), robot.leg_length), constant_errors_of(robot)
-        std = {name: np.sqrt(model.variance[place]) for name, place in model.layout.places.items()}
-        tilt = float(np.hypot(std["imu_rotation"].max(), std["accelerometer"].max() / GRAVITY))
-        C = np.diag(np.concatenate([std["offset"], std["contact"], np.full(3, tilt), std["link_mass"]]) ** 2)
-        unloaded = model.covariance[model.layout.sticking, model.layout.sticking]
-        held = np.sqrt(np.diag(unloaded))
-        more = np.hypot(held, model.held * model.by_load) / np.maximum(held, 1e-12)
-        sticking = unloaded * more * more[:, None]
-        C[places["torque"], places["torque"]] += sticking
-        return cls(places, C, sticking)
-
-    def scaled(self, lasting: float, sticking: float) -> ConstantErrors:
-        """The same with the standard deviations of what lasts and of static friction multiplied."""
-        held, torque = sticking**2 * self.sticking, self.places["torque"]
-        covariance = lasting**2 * self.lasting
-        covariance[torque, torque] += held
-        return ConstantErrors(self.places, covariance, held)
-
-    @property
-    def lasting(self) -> Array:
-        """(k, k), covariance of what is the same under every load."""
-        out, torque = self.covariance.copy(), self.places["torque"]
-        out[torque, torque] -= self.sticking
-        return out
 
     @cached_property
     def root(self) -> Array:
