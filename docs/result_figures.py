@@ -247,6 +247,36 @@ def humanoids(records: list[Record]) -> plt.Figure:
     return figure
 
 
+def identified(records: list[Record]) -> plt.Figure:
+    """Drives: median errors with their bounds, and how many joints were determined."""
+    figure, (left, right) = panels(2, height=2.2, sharey=True)
+    names = ["armature", "viscous", "coulomb"]
+    logs = list(dict.fromkeys(r["case"]["logs"] for r in records))
+    for axis, what in ((left, "median error, relative"), (right, "determined")):
+        metrics = [f"{name}: {what}" for name in names]
+        of = {log: [r for r in records if r["case"]["logs"] == log] for log in logs}
+        grouped(axis, names, {log: [values(own, metric)[0] for metric in metrics] for log, own in of.items()})
+        axis.set(xlabel=f"{what} [%]")
+        for k, own in enumerate(of.values()):
+            bounds = [values(own, metric, "bound")[0] for metric in metrics]
+            axis.plot(bounds, np.arange(3) + 0.4 * (k + 0.5) - 0.4, "|", ms=14, color=INK, label="bound" * (k == 0))
+    figure.legend(*left.get_legend_handles_labels(), loc="outside upper left", ncols=3, fontsize=8)
+    return figure
+
+
+def replay(record: Record) -> plt.Figure:
+    """Errors of the joints' paths over the time of a rollout, by model."""
+    figure, (axis,) = panels(width=4.6, height=2.6)
+    for model, colour in zip(record["models"], (BLUE, GREEN, ORANGE, STEEL), strict=True):
+        windows = [float(window) for window in record["rmse"]]
+        axis.plot(
+            windows, [errors[model]["all"] for errors in record["rmse"].values()], "o-", color=colour, label=model
+        )
+    axis.set(yscale="log", xlabel="time without correction [s]", ylabel="error [rad]", xticks=windows)
+    figure.legend(loc="outside upper left", ncols=2, fontsize=8)
+    return figure
+
+
 def peer_legs(record: dict[str, Any]) -> plt.Figure:
     """Held-out error, error to the truth, and processor time of each tool on one leg."""
     figure, axes = panels(3, height=2.6, sharey=True)
@@ -352,6 +382,9 @@ FIGURES: dict[str, tuple[str, Callable[[Any], plt.Figure]]] = {
     "demo_weight": ("demo", demo_weight),
     "mini_cheetah": ("mini_cheetah", mini_cheetah),
     "humanoids": ("humanoids", humanoids),
+    "identified": ("identified", identified),
+    "replay_go2": ("replay_go2", replay),
+    "replay_aliengo": ("replay_aliengo", replay),
     "peer_legs": ("peers", peer_legs),
     "peer_trunks": ("peers", peer_trunks),
     "ablation": ("ablation", ablation),
