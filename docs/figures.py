@@ -24,7 +24,7 @@ from stadera.lab.report.demo.page import demo_html
 from stadera.lab.scenarios.run import simulate
 from stadera.lab.scenarios.settings import Load, SimulateSettings
 from stadera.lab.truth import TruthAt
-from stadera.report.pdf import find_browser
+from stadera.report.page import find_browser
 from stadera.robot import load_robot
 from stadera.trunk import Samples, TrunkEstimator
 

@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 
-from stadera.report import pdf
+from stadera.report import page as pdf
 
 CHROMIUM = next((found for name in pdf.BROWSERS if (found := shutil.which(name))), None)
 needs_browser = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium or Chrome")

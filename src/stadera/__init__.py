@@ -23,8 +23,7 @@ if TYPE_CHECKING:
         UnknownNameError,
         UntrustedError,
     )
-    from stadera.excite.design import ExciteSettings, excite
-    from stadera.excite.result import Excitation
+    from stadera.excite.design import Excitation, ExciteSettings, excite
     from stadera.identify.legs import identify
     from stadera.identify.result import Identification
     from stadera.identify.settings import IdentifySettings
@@ -78,8 +77,7 @@ _HOMES = {
     "errors": "ClosedLoopError IdentificationError MissingExtraError ModelError RecordingError StaderaError "
     "UnknownNameError UntrustedError",
     "excite": "excite",
-    "excite.design": "ExciteSettings",
-    "excite.result": "Excitation",
+    "excite.design": "Excitation ExciteSettings",
     "identify": "identify",
     "identify.result": "Identification",
     "identify.settings": "IdentifySettings",

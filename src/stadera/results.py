@@ -47,7 +47,7 @@ class Result(ABC):
 
     def to_latex(self) -> str:
         """The tables as LaTeX. Needs the packages booktabs and amsmath."""
-        from stadera.report.latex import latex
+        from stadera.report.table import latex
 
         return latex(self.to_tables())
 

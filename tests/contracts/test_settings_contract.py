@@ -19,7 +19,7 @@ from stadera.identify.solutions import SolverSettings
 from stadera.lab.laws.mass import MassSettings
 from stadera.lab.laws.paper_draw import DrawSettings
 from stadera.lab.laws.static_poses import Reach
-from stadera.live.settings import LiveSettings
+from stadera.live.state import LiveSettings
 from stadera.logs.bags.container import BagSettings
 from stadera.robot.stance import StanceSettings
 from stadera.trunk.settings import ChangeSettings, ModelErrors, OutlierSettings, SwingDetection

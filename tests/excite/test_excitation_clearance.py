@@ -9,8 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from stadera.errors import IdentificationError
-from stadera.excite.bounds import LegBounds
-from stadera.excite.clearance import Clearance, ClearanceMap
+from stadera.excite.bounds import Clearance, ClearanceMap, LegBounds
 from stadera.robot import Robot, Shape, load_robot
 from stadera.robot.kinematics import foot_positions, forward_kinematics
 from stadera.robot.stance import standing_configuration

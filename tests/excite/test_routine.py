@@ -19,10 +19,8 @@ from stadera.constants import GRAVITY
 from stadera.errors import IdentificationError, UnknownNameError
 from stadera.excite.sinusoids import Sinusoids
 from stadera.excite.trunk.design import RoutineSettings, weighing_routine
-from stadera.excite.trunk.expected import Drawn
-from stadera.excite.trunk.planted import AXES, Planted
-from stadera.excite.trunk.players import INTERFACES, player
-from stadera.excite.trunk.result import Routine
+from stadera.excite.trunk.planted import AXES, Drawn, Planted
+from stadera.excite.trunk.result import INTERFACES, Routine, player
 from stadera.inertia import InertialParameters
 from stadera.lab.pinocchio import pinocchio_model
 from stadera.robot import load_robot

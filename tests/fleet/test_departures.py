@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from stadera.fleet.departures import departures, looks_at, scatter
-from stadera.fleet.series import FleetSeries
+from stadera.fleet.departures import FleetSeries, departures, looks_at, scatter
 
 RNG = np.random.default_rng
 

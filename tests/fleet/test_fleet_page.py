@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from stadera.fleet.departures import by_robot, series_of
 from stadera.fleet.row import page_path
-from stadera.fleet.series import by_robot, series_of
 from stadera.fleet.table import COLUMNS, FleetTable
 from stadera.report.table import Shown
 from stadera.results import json_text
@@ -82,7 +82,7 @@ def test_it_loads_nothing_and_no_name_of_a_log_is_markup(page: str) -> None:
 
 def test_without_room_for_all_figures_what_stands_out_is_drawn(monkeypatch: pytest.MonkeyPatch) -> None:
     table = fleet(3, 30)
-    monkeypatch.setattr("stadera.report.fleet.page.SHOWN", Shown(figures=6_000))
+    monkeypatch.setattr("stadera.report.fleet.SHOWN", Shown(figures=6_000))
     page = table.to_html()
     assert page.count('<div class="plot"') == 1
     assert page.count('class="out"') == 1

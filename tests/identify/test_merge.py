@@ -12,8 +12,8 @@ import pytest
 from identify.leg_runs import DRIVE, hyq, leg_regressor, noisy, other_hyq, parameters_of, rich_motion, run
 from stadera.body.rows import Rows
 from stadera.errors import IdentificationError
+from stadera.fleet.merge import merge_legs
 from stadera.identify.legs import identify
-from stadera.identify.merge import merge_legs
 from stadera.identify.result import Identification
 from stadera.identify.schema import with_identified_legs
 from stadera.identify.settings import IdentifySettings

@@ -13,7 +13,7 @@ import pytest
 from checks.test_diagnosis import legs_swapped
 from stadera.errors import UntrustedError
 from stadera.live import LiveSession, Worker
-from stadera.live.replay import replay
+from stadera.live.run import replay
 from stadera.logs import Recording, take, write_table
 from stadera.logs.topics import Reading
 from stadera.robot import Robot

@@ -12,10 +12,8 @@ import pytest
 from stadera.identify.observability import Identifiability
 from stadera.identify.result import Quantity, TorqueTrace
 from stadera.report.figures import Figure
-from stadera.report.identify.page import identification_html
-from stadera.report.identify.plots import error_figure, plotted_traces, torque_figure
-from stadera.report.identify.remarks import remarks
-from stadera.report.identify.tables import link_tables
+from stadera.report.identify.page import error_figure, identification_html, plotted_traces, torque_figure
+from stadera.report.identify.tables import link_tables, remarks
 from stadera.report.numbers import number
 
 _VOID = {"meta", "br", "hr", "img", "link", "input"}

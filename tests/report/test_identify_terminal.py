@@ -8,8 +8,15 @@ from io import StringIO
 import pytest
 from rich.console import Console
 
-from stadera.report.identify.remarks import is_alarming, overall_rmse, remarks, torque_rms
-from stadera.report.identify.tables import identification_tables, link_table, shown
+from stadera.report.identify.tables import (
+    identification_tables,
+    is_alarming,
+    link_table,
+    overall_rmse,
+    remarks,
+    shown,
+    torque_rms,
+)
 from stadera.report.terminal import rich_table
 from stadera.trust import Trust
 

@@ -9,8 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from stadera.identify.observability import Identifiability
-from stadera.report.latex import escaped, latex
-from stadera.report.table import Cell, TableData
+from stadera.report.table import Cell, TableData, escaped, latex
 
 
 def balanced(text: str) -> bool:

@@ -15,7 +15,7 @@ import stadera
 from browser import DESK, PHONE, SCREEN, brightness, measure, needs_browser
 from stadera.errors import StaderaError
 from stadera.excite.design import ExciteSettings
-from stadera.report import pdf
+from stadera.report import page as pdf
 from stadera.report.page import commands
 from stadera.report.weigh.page import next_steps
 from stadera.report.weigh.plots import payload_figure

@@ -9,8 +9,8 @@ import pytest
 
 from stadera.report.figures import Figure, Panel, Series
 from stadera.report.figures.robot import limbs, poses, silhouette, soles
-from stadera.report.weigh.place import place_figure
-from stadera.report.weigh.words import how_sure, may_be_used, where
+from stadera.report.weigh.plots import place_figure
+from stadera.report.weigh.tables import how_sure, may_be_used, where
 from stadera.robot import load_robot
 from stadera.robot.kinematics import foot_positions
 from stadera.trunk.result import TrunkParameters

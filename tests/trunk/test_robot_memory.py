@@ -11,8 +11,7 @@ import pytest
 
 from stadera import IdentificationError, TrunkEstimator, load_robot
 from stadera.excite.sinusoids import Sinusoids
-from stadera.excite.trunk.expected import Drawn
-from stadera.excite.trunk.planted import AXES, Planted
+from stadera.excite.trunk.planted import AXES, Drawn, Planted
 from stadera.inertia import InertialParameters
 from stadera.robot.model import JointDynamics
 from stadera.trunk import Samples

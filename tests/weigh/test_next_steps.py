@@ -9,8 +9,7 @@ import pytest
 
 from stadera import TrunkEstimator, load_robot
 from stadera.excite.trunk.design import RoutineSettings, undesigned_bars
-from stadera.excite.trunk.expected import Drawn
-from stadera.excite.trunk.planted import Planted
+from stadera.excite.trunk.planted import Drawn, Planted
 from stadera.inertia import InertialParameters
 from stadera.trunk import Samples
 from stadera.weigh.next_steps import UseLimits, next_steps

@@ -9,19 +9,15 @@ import typer
 
 from stadera import __version__
 from stadera.cli import DEBUG
-from stadera.cli.compare import compare
-from stadera.cli.demo import demo
 from stadera.cli.excite import excite
 from stadera.cli.fleet import fleet
 from stadera.cli.gate import GatedCommand
 from stadera.cli.identify import identify
 from stadera.cli.inspect import inspect
+from stadera.cli.laboratory import demo, replay, reproduce, simulate
 from stadera.cli.live import live
 from stadera.cli.options import ColumnsMayStandAlone, flag
-from stadera.cli.replay import replay
-from stadera.cli.reproduce import reproduce
-from stadera.cli.simulate import simulate
-from stadera.cli.weigh import weigh
+from stadera.cli.weigh import compare, weigh
 
 app = typer.Typer(
     name="stadera",

@@ -88,8 +88,8 @@ def _trunk(
     """Designs and writes a weighing routine."""
     from stadera.excite.trunk.design import RoutineSettings, weighing_routine
     from stadera.excite.trunk.planted import AXES
-    from stadera.excite.trunk.players import interface_named
-    from stadera.report.routine import routine_tables
+    from stadera.excite.trunk.result import interface_named
+    from stadera.report.excite import routine_tables
 
     axes = AXES if player is Player.csv else interface_named(player.value).axes
     settings = RoutineSettings(seconds, rate, seed, axes)

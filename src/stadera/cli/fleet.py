@@ -92,7 +92,7 @@ def fleet(
     springs = None if stiffness is None else parse.point(stiffness)
 
     from stadera.fleet.jobs import FleetOptions
-    from stadera.report.fleet.tables import fleet_tables
+    from stadera.report.fleet import fleet_tables
 
     folder = None if pages is None else str(pages.absolute())
     shared = FleetOptions(

@@ -207,7 +207,7 @@ class LogOptions:
         """
         from stadera.cli.terminal import progress, show
         from stadera.errors import RecordingError
-        from stadera.fleet.source import robot_named_in
+        from stadera.fleet.jobs import robot_named_in
         from stadera.logs.reader import read_head
         from stadera.robot.load import guessed
 

@@ -48,7 +48,7 @@ def check_report(path: Path | None) -> None:
         return
     if path.suffix.lower() != ".pdf":
         raise StaderaError(f"{path}: a report is written as .html or .pdf")
-    from stadera.report.pdf import find_browser
+    from stadera.report.page import find_browser
 
     find_browser(path)
 
@@ -142,7 +142,7 @@ def page_of(make: Callable[[], str]) -> Writer:
         if draft.suffix.lower() != ".pdf":
             write_text(draft, make())
             return
-        from stadera.report.pdf import write_pdf
+        from stadera.report.page import write_pdf
 
         write_pdf(make(), draft)
 

@@ -1,22 +1,236 @@
-"""Bounds on a leg's excitation: limits of position, velocity and torque, and clearance from all other bodies."""
+"""Bounds on a leg's excitation: limits of position, velocity and torque, and clearance from all other bodies.
+
+The trunk is held level and the other legs are at rest. Distances between primitive shapes are computed by coal, signed:
+a negative one is the penetration depth.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
+import coal
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
+from scipy.ndimage import map_coordinates
 
 from stadera.body import FrictionModel, JointMotion, JointTorqueRegressor
 from stadera.constants import ROUNDING
 from stadera.errors import IdentificationError
-from stadera.excite.clearance import Clearance, ClearanceMap
 from stadera.excite.sinusoids import Sinusoids
-from stadera.robot.model import JointLimits, Robot
+from stadera.robot.kinematics import forward_kinematics
+from stadera.robot.model import JointLimits, Leg, Robot, Shape, Tree
 from stadera.robot.stance import standing_configuration
 from stadera.types import Array
+
+
+@dataclass(frozen=True, eq=False)
+class Clearance:
+    """Bodies that one leg could collide with.
+
+    Attributes:
+        tree: of the leg.
+        shapes: on the leg's links, foot included, and those of trunk and other legs, with poses in the trunk frame.
+        links: (shapes,), place in the tree of the link that moves each; 0, the trunk, for what stands still.
+        pairs: places of two shapes, the first one moving, and their least permitted distance [m]; of none of one link
+            or of neighbouring links.
+        ground: height of the ground in the trunk frame [m], None for no ground.
+        margin: distance to keep [m]; pairs that are closer at rest only need to keep their distance at rest.
+        notes: on pairs whose shapes touch at rest, and which are therefore not checked.
+        far: distance beyond which a bound from enclosing spheres is used [m].
+    """
+
+    tree: Tree
+    shapes: tuple[Shape, ...]
+    links: NDArray[np.int64]
+    pairs: tuple[tuple[int, int, float], ...]
+    ground: float | None
+    margin: float
+    notes: tuple[str, ...] = ()
+    far: float = 0.1
+
+    @classmethod
+    def of(cls, robot: Robot, leg: str, rest: ArrayLike, margin: float = 0.0, ground: float | None = None) -> Clearance:
+        """Collects the surroundings of a robot's leg at a rest pose (n,) [rad], the other legs in the nominal stance;
+        margin and height of a level ground in the trunk frame in [m].
+
+        Raises:
+            UnknownNameError: no such leg.
+            IdentificationError: the leg is too close to the ground at rest.
+        """
+        own, tree, at_rest = robot.leg(leg), robot.leg_tree(leg), np.asarray(rest, dtype=float)[None]
+        shapes = (*_of_leg(robot, own), *_standing(robot, [link for link in robot.tree.links if link not in own.links]))
+        links = np.array([tree.links.index(s.link) if s.link in own.links else 0 for s in shapes])
+        bare = cls(tree, shapes, links, tuple(_candidates(tree, shapes, links)), ground, margin)
+        height = float(bare.height(at_rest)[0])
+        if height < margin:
+            raise IdentificationError(
+                f"leg {own.name} of robot {robot.name}: at its rest pose its lowest point is {height:.3f} m above the "
+                f"ground, {margin:g} m are asked for; raise the trunk by {margin - height:.3f} m or more"
+            )
+        pairs, touching = [], set()
+        for (one, other, _), distance in zip(bare.pairs, bare.pair_distances(at_rest), strict=True):
+            if distance[0] > 0:
+                pairs.append((one, other, min(margin, float(distance[0]))))
+            else:
+                touching.add((shapes[one].link, shapes[other].link))
+        notes = (f"shapes of {a} and {b} touch at rest: not looked at for clearance" for a, b in sorted(touching))
+        return replace(bare, pairs=tuple(pairs), notes=tuple(notes))
+
+    def distance(self, position: Array) -> Array:
+        """Least distance to any body at poses (samples, n) [rad], (samples,) [m]; above `far` a lower bound of it."""
+        return self._least(position, kept=False)
+
+    def slack(self, position: Array) -> Array:
+        """`distance` minus the distance to keep: not negative if the pose is clear."""
+        return self._least(position, kept=True)
+
+    def height(self, position: Array) -> Array:
+        """Height of the leg's lowest point above the ground, (samples,) [m]; infinite without ground."""
+        if self.ground is None:
+            return np.full(len(position), np.inf)
+        rotations, centres = self._poses(position)
+        moving = np.flatnonzero(self.links)
+        lowest = [centres[:, k, 2] - self.shapes[k].reach(rotations[:, k, 2]) for k in moving]
+        return np.asarray(np.min(lowest, axis=0) - self.ground)
+
+    def _least(self, position: Array, kept: bool) -> Array:
+        least = self.height(position) - (self.margin if kept else 0.0)
+        poses = self._poses(position)
+        for one, other, least_allowed in self.pairs:
+            allowed = least_allowed if kept else 0.0
+            # pairs that cannot be the closest need no exact distance
+            found = self._apart(poses, one, other, np.minimum(least + allowed, self.far))
+            least = np.minimum(least, found - allowed)
+        return least
+
+    def pair_distances(self, position: Array) -> Iterator[Array]:
+        """Distance of each pair at poses (samples, n) [rad], (samples,) [m]; above `far` a lower bound of it."""
+        poses, far = self._poses(position), np.full(len(position), self.far)
+        return (self._apart(poses, one, other, far) for one, other, _ in self.pairs)
+
+    def _poses(self, position: Array) -> tuple[Array, Array]:
+        """Rotations (samples, shapes, 3, 3) and centres (samples, shapes, 3) of the shapes, trunk frame."""
+        rotations, translations = (values[:, self.links] for values in forward_kinematics(self.tree, position))
+        offsets = np.array([shape.translation for shape in self.shapes])
+        centres = translations + (rotations @ offsets[:, :, None])[..., 0]
+        return rotations @ np.array([shape.rotation for shape in self.shapes]), centres
+
+    def _apart(self, poses: tuple[Array, Array], one: int, other: int, within: Array) -> Array:
+        """Distance of two shapes, (samples,) [m]: exact if it may be below `within` (samples,), else a lower bound."""
+        rotations, centres = poses
+        apart = centres[:, one] - centres[:, other]
+        out = (
+            np.sqrt(np.einsum("ni,ni->n", apart, apart)) - _enclosing(self.shapes[one]) - _enclosing(self.shapes[other])
+        )
+        near = np.flatnonzero(out < within)
+        if len(near):
+            measure = coal.ComputeDistance(self._solids[one], self._solids[other])
+            request, result = coal.DistanceRequest(), coal.DistanceResult()
+            for i in near:
+                places = (coal.Transform3s(rotations[i, k], centres[i, k]) for k in (one, other))
+                result.clear()
+                out[i] = measure(*places, request, result)
+        return np.asarray(out)
+
+    @cached_property
+    def _solids(self) -> list[Any]:
+        return [_solid(shape) for shape in self.shapes]
+
+
+@dataclass(frozen=True, eq=False)
+class ClearanceMap:
+    """Clearance tabulated over a box of poses and interpolated linearly: fast but approximate."""
+
+    lower: Array  # (n,) [rad], of the grid
+    step: Array  # (n,) [rad]
+    values: Array  # (points, points, ...) [m], an axis for each joint
+
+    @classmethod
+    def of(cls, clearance: Clearance, lower: Array, upper: Array, most: int = 3400) -> ClearanceMap:
+        """Tabulates the box from `lower` to `upper`, (n,) each [rad], in at most so many poses."""
+        poses, shape = poses_between(lower, upper, most)
+        step = np.maximum((upper - lower) / (np.array(shape) - 1), 1e-9)
+        return cls(lower, step, clearance.slack(poses).reshape(shape))
+
+    def slack(self, position: Array) -> Array:
+        """`Clearance.slack` for poses (samples, n) [rad], (samples,) [m]; outside the box that of its nearest pose."""
+        at = ((position - self.lower) / self.step).T
+        return np.asarray(map_coordinates(self.values, at, order=1, mode="nearest"))
+
+    def lowered(self, position: Array, slack: Array) -> ClearanceMap:
+        """Returns the table lowered around poses (samples, n) until it is not above `slack` (samples,) there."""
+        last = np.array(self.values.shape) - 2
+        cell = np.clip(np.floor((position - self.lower) / self.step).astype(int), 0, last)
+        excess = np.maximum(self.slack(position) - slack, 0.0)
+        values = self.values.copy()
+        for corner in np.ndindex(*[2] * values.ndim):
+            at = tuple((cell + corner).T)
+            np.minimum.at(values, at, self.values[at] - excess)
+        return replace(self, values=values)
+
+
+def poses_between(lower: Array, upper: Array, most: int) -> tuple[Array, tuple[int, ...]]:
+    """A grid of at most so many poses (k, n) in a box, its corners included, and its shape."""
+    points = max(int(most ** (1.0 / len(lower)) + 1e-9), 2)
+    axes = [np.linspace(low, high, points) for low, high in zip(lower, upper, strict=True)]
+    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(lower)), (points,) * len(lower)
+
+
+def _of_leg(robot: Robot, leg: Leg) -> Iterator[Shape]:
+    """Yields the shapes of a leg's links, and the foot's sphere if it is not among them."""
+    own, foot = [shape for shape in robot.shapes if shape.link in leg.links], np.asarray(leg.foot_position)
+    yield from own
+    spheres = [s.translation for s in own if s.kind == "sphere" and s.link == leg.links[-1]]
+    if not any(np.linalg.norm(centre - foot) < 1e-3 for centre in spheres):
+        yield Shape(leg.links[-1], "sphere", (leg.foot_radius,), np.eye(3), foot)
+
+
+def _standing(robot: Robot, links: list[str]) -> Iterator[Shape]:
+    """Yields shapes on these links with the robot in its nominal stance, posed in the trunk frame."""
+    rotations, translations = forward_kinematics(robot.tree, standing_configuration(robot)[None])
+    for shape in robot.shapes:
+        if shape.link in links:
+            k = robot.tree.links.index(shape.link)
+            yield shape.moved(shape.link, rotations[0, k], translations[0, k])
+
+
+def _candidates(tree: Tree, shapes: Sequence[Shape], links: NDArray[np.int64]) -> Iterator[tuple[int, int, float]]:
+    """Yields pairs of shapes whose links are neither the same nor neighbours."""
+    parent = {link: tree.links[tree.parents[i]] for i, link in enumerate(tree.links[1:])}
+    solid = [k for k, shape in enumerate(shapes) if shape.size[0] > 0 or not links[k]]
+    for k in solid:
+        for m in (m for m in solid if links[k] and (m < k or not links[m])):
+            one, other = shapes[k].link, shapes[m].link
+            if other not in (one, parent[one]) and parent.get(other) != one:
+                yield k, m, 0.0
+
+
+def _solid(shape: Shape) -> Any:
+    match shape.kind:
+        case "sphere":
+            return coal.Sphere(shape.size[0])
+        case "capsule":
+            return coal.Capsule(*shape.size)
+        case "cylinder":
+            return coal.Cylinder(*shape.size)
+        case "box":
+            return coal.Box(*shape.size)
+
+
+def _enclosing(shape: Shape) -> float:
+    """Radius of the sphere around the shape's centre that encloses it [m]."""
+    match shape.kind:
+        case "sphere":
+            return shape.size[0]
+        case "capsule":
+            return shape.size[0] + 0.5 * shape.size[1]
+        case "cylinder":
+            return float(np.hypot(shape.size[0], 0.5 * shape.size[1]))
+        case "box":
+            return 0.5 * float(np.linalg.norm(shape.size))
 
 
 @dataclass(frozen=True)

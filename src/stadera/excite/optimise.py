@@ -24,8 +24,7 @@ from scipy.optimize import minimize
 
 from stadera.body import JointMotion
 from stadera.errors import IdentificationError, positive, require_positive
-from stadera.excite.bounds import LegBounds, fitting_factor
-from stadera.excite.clearance import ClearanceMap
+from stadera.excite.bounds import ClearanceMap, LegBounds, fitting_factor
 from stadera.excite.sinusoids import FREQUENCIES, Sinusoids, check_duration, window
 from stadera.excite.worth import LegExperiment
 from stadera.types import Array

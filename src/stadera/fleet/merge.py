@@ -1,15 +1,160 @@
-"""Merges the legs of each robot of a fleet from all of its logs, using the table only: no log is read again."""
+"""Merges the legs of one robot from several logs: each log's information is summed up separately, then solved jointly.
 
-from collections.abc import Iterable
+Links, rotor inertias and friction belong to the robot; torque offsets change from day to day, so each log's are
+eliminated from its information first (`Information.marginal`). The remainders are merged (`Information.merge`), by the
+triangle of
+
+    [R_1 z_1; R_2 z_2; ...]
+
+which equals one pass over the rows of all logs with separate offsets for each. No log is read again, and each log is
+weighted by its own noise.
+
+Contradictions between logs show in the merged fit. With x̂ the least-squares solution, merging adds the cost
+
+    Δ = Σ_k (|R_k x̂ - z_k|² - min_x |R_k x - z_k|²),      expected: the ranks of all logs less the rank of all together
+
+which has this expectation if one robot explains all logs. If Δ is larger, the noise is multiplied by the square root of
+the ratio, so that the error bars reflect the differences between logs; if it is much larger, the result is doubtful.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import reduce
+from os import PathLike
 from typing import Any
 
 import numpy as np
 
-from stadera.errors import StaderaError
+from stadera.errors import IdentificationError, StaderaError
+from stadera.files import write_text, written_together
 from stadera.fleet.jobs import LogJob
 from stadera.fleet.table import FleetTable
-from stadera.identify.merge import MergedLegs, merge_legs
+from stadera.identify.job import LegTask
+from stadera.identify.prior import robot_prior
+from stadera.identify.result import LegIdentification, robot_with_legs
+from stadera.identify.schema import UNITS, joints_dict, links_dict
+from stadera.identify.settings import IdentifySettings
+from stadera.identify.solutions import solve_legs
 from stadera.information import Information, Unknowns
+from stadera.robot.model import Robot
+from stadera.trust import Trust
+
+LegInformation = Mapping[str, Information]
+"""By leg, one log's information: rows in units of their noise (`LegIdentification.information`)."""
+
+_DAILY = "offset"
+
+
+@dataclass(frozen=True, eq=False)
+class MergedLegs:
+    """Legs of one robot, merged from all of its logs."""
+
+    robot: Robot  # the prior model
+    logs: tuple[str, ...]  # names, in order
+    # one entry each; without offsets, residuals and traces, which belong to a single log
+    legs: tuple[LegIdentification, ...]
+    trust: Trust  # the misfit is Δ divided by its expectation, 1 if one robot explains all logs
+
+    def identified_robot(self) -> Robot:
+        """The robot with the merged parameters of links and joints."""
+        return robot_with_legs(self.robot, self.legs)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values as from `identify`, for `weigh --legs`: robot, source, logs, method, trust, links, joints."""
+        mark = {"trusted": False} if self.trust.verdict == "bad" else {}
+        return {
+            "robot": self.robot.name,
+            "source": f"{len(self.logs)} log{'s' * (len(self.logs) != 1)}",
+            "logs": list(self.logs),
+            "method": self.legs[0].estimate.method,
+            "trust": self.trust.to_dict(),
+            "links": links_dict(self.legs, mark),
+            "joints": joints_dict(self.legs, mark),
+            "units": dict(UNITS),
+        }
+
+    def save_json(self, path: str | PathLike[str]) -> None:
+        """Writes `to_dict` as JSON; StaderaError if the path cannot be written."""
+        from stadera.results import json_text
+
+        with written_together([path]) as (draft,):
+            write_text(draft, json_text(self.to_dict()))
+
+
+def merge_legs(
+    robot: Robot, logs: Mapping[str, LegInformation], settings: IdentifySettings | None = None
+) -> MergedLegs:
+    """Merges the information of several logs, by name, on the legs of one robot, whose model is the prior.
+
+    Raises:
+        IdentificationError: no logs, or no leg in any of them.
+        UnknownNameError: a log belongs to another robot.
+    """
+    settings = settings or IdentifySettings()
+    tasks = [LegTask.of(robot, leg, settings) for leg in robot.legs if any(leg.name in log for log in logs.values())]
+    if not tasks:
+        raise IdentificationError("no leg was identified from any log, so there is nothing to merge")
+    fits = [
+        _Fit.of(robot, task, [log[task.leg.name] for log in logs.values() if task.leg.name in log]) for task in tasks
+    ]
+    priors = [robot_prior(robot, fit.columns, settings.width) for fit in fits]
+    asked = [(task.leg, fit.widened(), prior) for task, fit, prior in zip(tasks, fits, priors, strict=True)]
+    estimates = solve_legs(asked, settings.method, settings.spread, settings.solver, lambda *_: None)
+    legs = tuple(
+        LegIdentification(
+            task.leg,
+            task.nominal,
+            estimate,
+            null_space,
+            structural_rank=estimate.observability.rank,
+            information=fit.total,
+        )
+        for task, fit, (estimate, null_space) in zip(tasks, fits, estimates, strict=True)
+    )
+    return MergedLegs(robot, tuple(logs), legs, _trust(tasks, fits, settings))
+
+
+@dataclass(frozen=True, eq=False)
+class _Fit:
+    """One leg's merged information, and the misfit between the logs (1 if they agree)."""
+
+    total: Information
+    misfit: float
+
+    @classmethod
+    def of(cls, robot: Robot, task: LegTask, logs: Sequence[Information]) -> _Fit:
+        columns = tuple(name for name in task.prior.columns if name.rpartition(".")[2] != _DAILY)
+        alone = [log.marginal(columns) for log in logs]
+        total = reduce(Information.merge, alone, Information.empty(columns))
+        added = _least_cost(total) - sum(map(_least_cost, alone))
+        freedom = sum(log.rank() for log in alone) - total.rank()
+        return cls(total, added / freedom if freedom > 0 else 1.0)
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        return self.total.names
+
+    def widened(self) -> Information:
+        return self.total.scaled_noise(float(np.sqrt(max(1.0, self.misfit))))
+
+
+def _least_cost(information: Information) -> float:
+    """min |R x - z|² + ρ², also if R is singular."""
+    solution = np.array(list(information.least_squares().values()))
+    return information.residual_squared(solution)
+
+
+def _trust(tasks: Sequence[LegTask], fits: Sequence[_Fit], settings: IdentifySettings) -> Trust:
+    by_leg = {task.leg.name: fit.misfit for task, fit in zip(tasks, fits, strict=True)}
+    reasons = tuple(
+        f"leg {name}: the logs differ {np.sqrt(misfit):.2g} times as much as their noise allows: another robot's log, "
+        f"a part that was changed, or wear"
+        for name, misfit in by_leg.items()
+        if misfit > settings.trust.doubtful
+    )
+    return Trust("doubtful" if reasons else "good", float(np.mean(list(by_leg.values()))), by_leg, reasons)
 
 
 def merge_fleet(table: FleetTable, jobs: Iterable[LogJob]) -> dict[str, MergedLegs]:

@@ -2,24 +2,30 @@
 
 A task is a module-level function and one small picklable argument, and is deterministic: if a worker dies, its task is
 run again on another one. A task whose workers keep dying (out of memory, say) becomes a `Failure`; the others continue.
+
+A journal keeps finished ones, from which an interrupted run resumes.
 """
 
 from __future__ import annotations
 
 import ctypes
 import gc
+import json
 import logging
 import os
+import signal
 import sys
 from collections.abc import Callable, Generator, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cache
+from pathlib import Path
 from typing import Any, TypeVar
 
 import stadera
+from stadera.boundary import foreign
 from stadera.errors import MissingExtraError, StaderaError, require_positive
-from stadera.garbage import keep_loaded
+from stadera.garbage import collect_rarely, keep_loaded
 
 Task = TypeVar("Task")
 Found = TypeVar("Found")
@@ -195,7 +201,7 @@ def _client(pool: Pool) -> Iterator[Any]:
             threads_per_worker=1,
             processes=True,
             memory_limit=pool.memory,
-            preload=["stadera.fleet.worker"],
+            preload=["stadera.fleet.pool"],
             dashboard_address="127.0.0.1:0",
             silence_logs=logging.CRITICAL,
         )
@@ -220,3 +226,47 @@ def _check_workers(client: Any, address: str, patience: float) -> None:
 def _version_here() -> str:
     """The version of this package in the process that evaluates this."""
     return stadera.__version__
+
+
+def dask_setup(worker: object) -> None:
+    """Ignores Ctrl-C, so that the main process shuts the workers down in order."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    collect_rarely()
+
+
+Entry = Mapping[str, Any]
+"""Plain values."""
+
+
+def read_journal(path: Path) -> Iterator[Entry]:
+    """Entries written by this version of the package; incomplete lines are skipped, and a missing file has no
+    entries.
+    """
+    if not path.exists():
+        return
+    with path.open(encoding="utf-8") as lines:
+        for line in lines:
+            try:
+                entry = json.loads(line)
+            except ValueError:
+                continue  # incomplete: the run was interrupted while writing it
+            if isinstance(entry, dict) and entry.get("version") == stadera.__version__:
+                yield entry
+
+
+@contextmanager
+def journal(path: Path) -> Iterator[Callable[[Entry], None]]:
+    """Yields a function that appends entries immediately. Creates the folder if necessary. Raises StaderaError: it
+    cannot be written.
+    """
+    with foreign(path, "outcomes cannot be kept there", StaderaError):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        file = path.open("a", encoding="utf-8")
+    with file:
+        file.write("\n")  # ends an incomplete line
+
+        def append(entry: Entry) -> None:
+            file.write(json.dumps({"version": stadera.__version__, **entry}, ensure_ascii=False) + "\n")
+            file.flush()
+
+        yield append

@@ -14,8 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import stadera
 from stadera.errors import StaderaError, UntrustedError
-from stadera.fleet.jobs import LogJob
-from stadera.fleet.source import digest, fetched, is_url, robot_named_in
+from stadera.fleet.jobs import LogJob, digest, fetched, is_url, robot_named_in
 from stadera.fleet.table import COLUMNS, SIDES
 from stadera.logs.topics import LogFile
 from stadera.results import finite_or_none

@@ -12,11 +12,9 @@ from pathlib import Path
 from time import monotonic
 
 from stadera.files import require_writable
-from stadera.fleet.jobs import LogJob
-from stadera.fleet.journal import journal, read_journal
-from stadera.fleet.pool import Failure, Pool, run_tasks
+from stadera.fleet.jobs import LogJob, is_url
+from stadera.fleet.pool import Failure, Pool, journal, read_journal, run_tasks
 from stadera.fleet.row import Done, Task, is_done, lost, process
-from stadera.fleet.source import is_url
 from stadera.fleet.table import COLUMNS, SIDES, FleetTable, read_fleet, side_path, table_path
 
 Watch = Callable[[str, int, int, str], None]

@@ -76,15 +76,14 @@ class FleetTable(Result):
 
     def to_dict(self) -> dict[str, Any]:
         """Rows, joints, and departures, the most significant first, see `stadera.fleet.departures`."""
-        from stadera.fleet.departures import departures
-        from stadera.fleet.series import series_of
+        from stadera.fleet.departures import departures, series_of
 
         found = departures(list(series_of(self)))
         return {"logs": list(self.rows), "joints": list(self.joints), "stands_out": [d.to_dict() for d in found]}
 
     def to_html(self, pages: Mapping[str, str] | None = None) -> str:
         """The report as one self-contained HTML page, with links to the `pages` of logs, addresses by log."""
-        from stadera.report.fleet.page import fleet_html
+        from stadera.report.fleet import fleet_html
 
         return fleet_html(self, pages or {})
 

@@ -17,11 +17,11 @@ from itertools import chain
 import numpy as np
 
 from stadera.body import Rows, TrunkMotion
-from stadera.identify.evidence import varying_friction
 from stadera.identify.job import Job, LegTask
 from stadera.identify.log import Part
 from stadera.identify.residuals import residual_noise, rows_of, speed
 from stadera.identify.solutions import Estimate
+from stadera.identify.varying import varying_friction
 from stadera.information import Information
 from stadera.logs.filters import smooth_rows
 from stadera.logs.processing import Processed

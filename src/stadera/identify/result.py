@@ -304,7 +304,7 @@ class Identification(Result):
 
     def to_figures(self) -> Mapping[str, Figure | TableData]:
         """Figures torques, observability, errors, spread (of several legs: torques-LF, ...), and rmse of all joints."""
-        from stadera.report.identify.plots import figures
+        from stadera.report.identify.page import figures
 
         return figures(self)
 

@@ -9,10 +9,10 @@ import numpy as np
 
 from stadera.body import FRICTION_TERMS, FrictionModel
 from stadera.errors import IdentificationError, UnknownNameError, require_positive
-from stadera.identify.evidence import VaryingSettings
 from stadera.identify.log import SpikeSettings
 from stadera.identify.prior import PriorWidth
 from stadera.identify.solutions import KindSpread, SolverSettings
+from stadera.identify.varying import VaryingSettings
 
 METHODS: tuple[str, ...] = ("consistent", "null-space")
 

@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from stadera.errors import RecordingError
-from stadera.live.settings import LiveSettings
+from stadera.live.state import LiveSettings
 from stadera.live.topics import JOINT_KINDS, KINDS, Arrival, PublisherFilter, SeenTopic, StreamClock, chosen
 from stadera.logs.bags.choice import Choice
 from stadera.logs.bags.container import Decoded, Message, Topic

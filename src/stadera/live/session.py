@@ -10,8 +10,7 @@ from stadera.checks import FATAL, Finding, diagnose
 from stadera.constants import DAY
 from stadera.errors import RecordingError, StaderaError
 from stadera.live.intake import Intake
-from stadera.live.settings import LiveSettings
-from stadera.live.state import Lag, LiveState
+from stadera.live.state import Lag, LiveSettings, LiveState
 from stadera.live.topics import Arrival
 from stadera.logs.mend import Change, changed
 from stadera.logs.recording import Recording, concatenate

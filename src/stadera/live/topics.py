@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from stadera.live.keys import Sent
-from stadera.live.settings import LiveSettings
+from stadera.live.state import LiveSettings
 from stadera.logs.bags.choice import Choice, Offer, choose
 from stadera.logs.bags.container import Message, Topic
 from stadera.logs.bags.decode import IMU, JOINT_STATE

@@ -1,7 +1,7 @@
 """What to do next where a mass is not determined, or known to more than a few percent, and the error bars to expect.
 
 Bars are computed for this robot and load: those of a sway by the estimator on a made log of a robot whose errors are
-drawn (`stadera.excite.trunk.expected`), those of a known weight by this log's own information and that weight
+drawn (`stadera.excite.trunk.planted`), those of a known weight by this log's own information and that weight
 (`stadera.trunk.outside`).
 """
 

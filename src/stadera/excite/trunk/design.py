@@ -22,8 +22,7 @@ import numpy as np
 from stadera.errors import IdentificationError, require_positive
 from stadera.excite.bounds import Margins
 from stadera.excite.sinusoids import Sinusoids
-from stadera.excite.trunk.expected import Bars, Drawn, expected_bars
-from stadera.excite.trunk.planted import AXES, Planted
+from stadera.excite.trunk.planted import AXES, Bars, Drawn, Planted, expected_bars
 from stadera.excite.trunk.result import Routine
 from stadera.inertia import InertialParameters
 from stadera.robot.load import load_robot

@@ -21,8 +21,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 
 from stadera.errors import StaderaError
-from stadera.fleet.journal import journal, read_journal
-from stadera.fleet.pool import Failure, Pool, run_tasks
+from stadera.fleet.pool import Failure, Pool, journal, read_journal, run_tasks
 from stadera.lab.experiments.result import Bounds, CaseValues, ExperimentResult, Record
 from stadera.report.figures import Figure
 from stadera.report.table import TableData

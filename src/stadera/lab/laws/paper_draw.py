@@ -18,8 +18,7 @@ from itertools import product
 import numpy as np
 
 from stadera.errors import IdentificationError, require_positive
-from stadera.excite.bounds import LegBounds, fitting_factor
-from stadera.excite.clearance import poses_between
+from stadera.excite.bounds import LegBounds, fitting_factor, poses_between
 from stadera.excite.sinusoids import FREQUENCIES, Sinusoids, check_duration
 from stadera.robot.model import Robot
 from stadera.types import Array, Bools

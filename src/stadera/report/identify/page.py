@@ -1,16 +1,33 @@
-"""Page of an identification: verdict, next steps, drives, evidence, each leg, and processing of the log."""
+"""Figures of an identification, and its page: verdict, next steps, drives, evidence, each leg, and processing."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
+from itertools import pairwise
 
-from stadera.identify.result import Identification, LegIdentification
-from stadera.report.identify import plots, tables
-from stadera.report.identify.remarks import answer, badge, evaluated_part, headline, is_alarming, overall_rmse, remarks
+import numpy as np
+
+from stadera.identify.result import MODELS, Identification, LegIdentification, TorqueTrace
+from stadera.report.figures import Axis, Bars, Figure, Guide, Panel, Series, line, stacked
+from stadera.report.identify import tables
+from stadera.report.identify.tables import (
+    MODEL_NAMES,
+    answer,
+    badge,
+    evaluated_part,
+    headline,
+    is_alarming,
+    link_table,
+    overall_rmse,
+    remarks,
+)
+from stadera.report.look import ROLES
 from stadera.report.numbers import compared, number
 from stadera.report.page import render
+from stadera.report.table import TableData
 from stadera.report.trust import marked, trust_reasons
 from stadera.trust import Trust
+from stadera.types import Array
 
 _METHODS = {
     "consistent": "physically consistent (maximum a posteriori, CAD as prior)",
@@ -66,7 +83,7 @@ def identification_html(result: Identification) -> str:
         drives=marked(drives, result.trust) if drives.groups else None,
         where=f"motion not used for fitting: {result.validated_on}" if part == "validation" else "the TRAINING data",
         errors=tables.rmse_table(result),
-        error_bars=plots.rmse_figure(result.legs, part),
+        error_bars=rmse_figure(result.legs, part),
         legs=[_leg(leg, part, result.trust) for leg in result.legs],
         facts=_facts(result),
         notes=result.notes,
@@ -101,7 +118,7 @@ def _cards(overall: dict[str, float]) -> Iterator[dict[str, str]]:
 def _leg(leg: LegIdentification, part: str, trust: Trust) -> dict[str, object]:
     """The template's values for a leg."""
     seen = leg.estimate.observability
-    drawn = (plots.torque_figure(leg), plots.error_figure(leg), plots.spread_figure(leg, part))
+    drawn = (torque_figure(leg), error_figure(leg), spread_figure(leg, part))
     return {
         "name": leg.leg.name,
         "lead": f"The log determines {seen.rank} of {len(seen.columns)} directions better than CAD does. "
@@ -110,3 +127,107 @@ def _leg(leg: LegIdentification, part: str, trust: Trust) -> dict[str, object]:
         "combinations": marked(tables.combination_table(leg), trust) if leg.combinations else None,
         "plots": [figure for figure in drawn if not figure.is_empty],
     }
+
+
+_WIDTHS = {"measured": 2.2, "identified": 1.4}  # px; 1.2 for others
+
+
+def figures(result: Identification) -> dict[str, Figure | TableData]:
+    """All figures by name, the most informative first; names of a leg's figures end in the leg's name."""
+    part, found = evaluated_part(result), dict[str, Figure | TableData]()
+    for leg in result.legs:
+        end = f"-{leg.leg.name}" if len(result.legs) > 1 else ""
+        found |= {f"torques{end}": torque_figure(leg), f"observability{end}": link_table(leg)}
+        found |= {f"errors{end}": error_figure(leg), f"spread{end}": spread_figure(leg, part)}
+    found["rmse"] = rmse_figure(result.legs, part)
+    return {name: figure for name, figure in found.items() if isinstance(figure, TableData) or not figure.is_empty}
+
+
+def torque_figure(leg: LegIdentification) -> Figure:
+    """Measured torque of each joint over time, and each model's prediction."""
+    note = "Measured and predicted; validation is shaded. Drag to zoom, double-click to go back."
+    roles = ("prior", "prior_friction", "measured", "identified")
+    return _over_time(leg, "Torques", "torque [N·m]", note, roles, _torque)
+
+
+def error_figure(leg: LegIdentification) -> Figure:
+    """Measured minus predicted torque of each joint over time."""
+    note = "Measured minus predicted. CAD alone is hidden: click it in the legend."
+
+    def error(trace: TorqueTrace, role: str) -> Array | None:
+        predicted = trace.predicted.get(role)
+        return None if predicted is None else trace.measured - predicted
+
+    hidden = ("prior",) if any("prior_friction" in t.predicted for t in leg.traces) else ()
+    return _over_time(leg, "Torque errors", "error [N·m]", note, MODELS, error, hidden)
+
+
+def _torque(trace: TorqueTrace, role: str) -> Array | None:
+    return trace.measured if role == "measured" else trace.predicted.get(role)
+
+
+def _over_time(
+    leg: LegIdentification,
+    title: str,
+    quantity: str,
+    note: str,
+    roles: Sequence[str],
+    values: Callable[[TorqueTrace, str], Array | None],
+    hidden: Sequence[str] = (),
+) -> Figure:
+    """A curve of each role's values (samples, joints) in a panel of each joint."""
+    traces, panels = plotted_traces(leg.traces), []
+    shaded = [t for t in traces if t.part == "validation" and len(traces) > 1]
+    guides = tuple(Guide(float(t.time[0]), float(t.time[-1]), colour="blue") for t in shaded)
+    for k, joint in enumerate(leg.leg.joints):
+        marks = []
+        for role in roles:
+            known = [(t.time, v[:, k]) for t in traces if (v := values(t, role)) is not None]
+            if known:
+                time, torque = map(np.concatenate, zip(*known, strict=True))
+                look = {"width": _WIDTHS.get(role, 1.2), "hidden": role in hidden}
+                marks.append(line(time, torque, MODEL_NAMES.get(role, role), ROLES[role], **look))
+        panels.append(Panel(Axis("time [s]"), Axis(quantity), tuple(marks), guides, joint))
+    return stacked(f"{title} of {leg.leg.name}", panels, note)
+
+
+def spread_figure(leg: LegIdentification, part: str) -> Figure:
+    """Histogram of the errors, joint by joint."""
+    chosen = [trace for trace in leg.traces if trace.part == part]
+    errors = {
+        model: np.concatenate([t.measured - t.predicted[model] for t in chosen if model in t.predicted])
+        for model in ("prior_friction", "identified")
+        if any(model in t.predicted for t in chosen)
+    }
+    row = []
+    for k, joint in enumerate(leg.leg.joints):
+        edge = max((float(np.quantile(np.abs(e[:, k]), 0.995)) for e in errors.values()), default=0.0) or 1.0
+        marks = tuple(_histogram(values[:, k], edge, model) for model, values in errors.items())
+        row.append(Panel(Axis("error [N·m]"), Axis("samples [%]", zero=True), marks, title=joint))
+    return Figure(f"Spread of the torque errors of {leg.leg.name}", (tuple(row),), f"On {part}.", 240.0)
+
+
+def _histogram(values: Array, edge: float, model: str) -> Series:
+    count, edges = np.histogram(values, np.linspace(-edge, edge, 61))
+    middle, share = 0.5 * (edges[1:] + edges[:-1]), 100.0 * count / len(values)
+    return Series(middle, share, MODEL_NAMES[model], ROLES[model], 1.5, stairs="bins", fill="zero")
+
+
+def rmse_figure(legs: Sequence[LegIdentification], part: str) -> Figure:
+    """RMSE of each joint under each model, as bars."""
+    joints, marks = tuple(joint for leg in legs for joint in leg.leg.joints), []
+    for model, name in MODEL_NAMES.items():
+        errors = {j: e for leg in legs for j, e in leg.rmse.get(part, {}).get(model, {}).items()}
+        if errors:
+            marks.append(Bars(np.array([errors.get(joint, np.nan) for joint in joints]), name, ROLES[model]))
+    panel = Panel(Axis(f"torque RMSE on {part} [N·m]", zero=True), Axis(labels=joints), tuple(marks))
+    return Figure("Torque RMSE of each joint under each model", ((panel,),))
+
+
+def plotted_traces(traces: Sequence[TorqueTrace]) -> list[TorqueTrace]:
+    """Traces that share one time axis: all, or only those of the validation if their times overlap."""
+    filled = sorted((t for t in traces if len(t.time)), key=lambda t: float(t.time[0]))
+    overlap = any(a.time[-1] >= b.time[0] for a, b in pairwise(filled))
+    if overlap and any(t.part == "validation" for t in filled):
+        return [t for t in filled if t.part == "validation"]
+    return filled

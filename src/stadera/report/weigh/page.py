@@ -13,7 +13,7 @@ from stadera.report.numbers import number
 from stadera.report.page import render
 from stadera.report.table import SHOWN
 from stadera.report.trust import LEVELS, fit_figure
-from stadera.report.weigh import plots, tables, words
+from stadera.report.weigh import plots, tables
 from stadera.trunk.registry import method_of
 from stadera.weigh.result import Weighing
 
@@ -31,7 +31,7 @@ def next_steps(result: Weighing) -> Iterator[str]:
             "another IMU frame. Then weigh it again."
         )
         return
-    yield from map(words.step_text, result.next)
+    yield from map(tables.step_text, result.next)
     if result.trust.verdict == "doubtful":
         yield (
             "Use the error bars as they are, for they are widened to the fit. Friction and rotor inertia from "
@@ -79,10 +79,10 @@ def weighing_html(result: Weighing, truth: Truth | None = None) -> str:
         "weigh.html.j2",
         title=f"Weighing{' in motion' if in_motion else ''}: {result.robot.name}",
         level=LEVELS[result.trust.verdict],
-        headline=f"{words.headline(result)}.",
+        headline=f"{tables.headline(result)}.",
         word=f"Trust: {result.trust.verdict}",
-        why=words.may_be_used(result),
-        told={"Where": words.where(result), "How sure": words.how_sure(result)},
+        why=tables.may_be_used(result),
+        told={"Where": tables.where(result), "How sure": tables.how_sure(result)},
         robot=drawn.pop("balance", None),
         first=replace(drawn.pop(next(iter(drawn))), width=560.0),
         next=tuple(next_steps(result)),

@@ -1,1 +1,0 @@
-"""Report of a fleet: many logs of several robots."""
