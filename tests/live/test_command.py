@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import os
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -13,7 +14,8 @@ from on_zenoh import arrivals
 from rich.console import Console
 
 import bags
-from stadera.live import LiveSession, LiveState
+from stadera.cli.live import _shown
+from stadera.live import Answer, LiveSession, LiveState
 from stadera.logs import Recording
 from stadera.report.live import live_lines, live_screen
 from stadera.robot import Robot
@@ -49,6 +51,34 @@ def test_the_screen(states: list[LiveState]) -> None:
     assert loaded.count("±") > 5
     assert " on " in loaded
     assert "/joint_states" in loaded
+
+
+def test_the_key_t_tares(states: list[LiveState], monkeypatch: pytest.MonkeyPatch) -> None:
+    typist, keyboard = os.openpty()
+    shown = _Terminal()
+    asked: list[str] = []
+
+    def tare() -> Answer:
+        asked.append("tare")
+        return Answer(True, "tared at 2.00 s")
+
+    with os.fdopen(keyboard, encoding="utf-8") as stdin:
+        monkeypatch.setattr("sys.stdin", stdin)
+        monkeypatch.setattr("sys.stdout", shown)
+        with _shown(tare) as sink:
+            sink(states[0])
+            os.write(typist, b"xt")
+            sink(states[1])
+            sink(states[1])
+    os.close(typist)
+    assert asked == ["tare"]
+    assert "t: tare" in shown.getvalue()
+    assert "tared at 2.00 s" in shown.getvalue()
+
+
+class _Terminal(io.StringIO):
+    def isatty(self) -> bool:
+        return True
 
 
 def test_nothing_bad_is_shown_unmarked(states: list[LiveState]) -> None:

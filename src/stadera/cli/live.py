@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import select
 import signal
 import sys
 import threading
@@ -19,7 +21,7 @@ from stadera.cli.robot import RobotOptions, save_memory
 from stadera.cli.terminal import show
 
 if TYPE_CHECKING:
-    from stadera.live import LiveState
+    from stadera.live import Answer, LiveState
 
 
 @grouped
@@ -71,7 +73,7 @@ def live(
             model, options.topics, weighed.imu_frame, watch=watch, reading=reading, fix=options.fix, weight=on_scale,
             tare_after=tare, memory=known, at=weighed.at,
         )  # fmt: skip
-        with _until_stopped() as stop, _shown() as sink:
+        with _until_stopped() as stop, _shown(session.tare) as sink:
             last = run(session, where, stop, [sink], drafts[0] if drafts else None)
     show(live_summary(last))
     if weighed.memory is not None:
@@ -95,15 +97,24 @@ def _until_stopped() -> Iterator[threading.Event]:
 
 
 @contextmanager
-def _shown() -> Iterator[Callable[[LiveState], None]]:
-    """Yields the function that shows states: a screen on a terminal, else one line for each event."""
+def _shown(tare: Callable[[], Answer]) -> Iterator[Callable[[LiveState], None]]:
+    """Yields the function that shows states: a screen on a terminal, where the key t tares, else one line for each
+    event. It calls `tare` in the thread that calls it.
+    """
     from stadera.report.live import live_lines, live_screen
 
     if sys.stdout.isatty():
         from rich.live import Live
 
-        with Live(auto_refresh=False) as screen:
-            yield lambda state: screen.update(live_screen(state), refresh=True)
+        with Live(auto_refresh=False) as screen, _keys() as pressed:
+            below = ["t: tare, Ctrl-C: end" if sys.stdin.isatty() else ""]
+
+            def update(state: LiveState) -> None:
+                if "t" in pressed().lower():
+                    below[0] = tare().message
+                screen.update(live_screen(state, below[0]), refresh=True)
+
+            yield update
         return
     before: list[LiveState | None] = [None]
 
@@ -113,3 +124,23 @@ def _shown() -> Iterator[Callable[[LiveState], None]]:
         before[0] = state
 
     yield lines
+
+
+@contextmanager
+def _keys() -> Iterator[Callable[[], str]]:
+    """Yields the function that returns what was typed since its last call; nothing if stdin is no terminal."""
+    try:
+        import termios
+        import tty
+    except ImportError:  # not on Windows
+        yield str
+        return
+    if not sys.stdin.isatty():
+        yield str
+        return
+    stream, before = sys.stdin.fileno(), termios.tcgetattr(sys.stdin)
+    tty.setcbreak(stream)  # keys without Enter; Ctrl-C still interrupts
+    try:
+        yield lambda: os.read(stream, 64).decode(errors="ignore") if select.select([stream], [], [], 0)[0] else ""
+    finally:
+        termios.tcsetattr(stream, termios.TCSADRAIN, before)

@@ -47,6 +47,10 @@ class LiveSettings:
         require_positive("live setting", self, [f.name for f in fields(self) if f.name not in ("bags", "trunk")])
 
 
+BODY = ("mass [kg]", "com x [m]", "com y [m]", "com z [m]")
+"""Values of a body that are shown to people."""
+
+
 @dataclass(frozen=True, eq=False)
 class Lag:
     """Age of the estimate [s]: from the arrival of the newest message used until now, and from its stamp until now on
@@ -110,23 +114,33 @@ class LiveState:
             "impacts": self.impacts,
         }
 
+    @property
+    def mark(self) -> str:
+        """What follows a value: nothing, or that it is not to be trusted."""
+        return "" if self.is_trusted else " (not to be trusted)"
+
+    def bodies(self) -> dict[str, list[str]]:
+        """`BODY` of the trunk, and after a tare of the payload, as text with standard deviations."""
+        from stadera.report.numbers import with_std
+
+        trunk, payload = self.trunk, self.payload
+        found = {"trunk": (trunk.inertial.mass, trunk.mass_std, trunk.com, trunk.com_std)}
+        if payload is not None:
+            found["payload"] = (payload.mass, payload.mass_std, payload.com, payload.com_std)
+        return {
+            name: [with_std(mass, std), *map(with_std, com.tolist(), com_std.tolist())]
+            for name, (mass, std, com, com_std) in found.items()
+        }
+
     def figures(self) -> dict[str, str]:
         """The values as text with units and standard deviations, for people."""
         from stadera.report.numbers import number, with_std
 
-        trunk, payload, last = self.trunk, self.payload, self.changes[-1:]
-        mark = "" if self.is_trusted else " (not to be trusted)"
-        shown = {"trunk mass [kg]": with_std(trunk.inertial.mass, trunk.mass_std) + mark}
-        places = [("trunk", trunk.com, trunk.com_std)]
-        if payload is not None:
-            shown["payload mass [kg]"] = with_std(payload.mass, payload.mass_std) + mark
-            if payload.at:
-                shown["payload at"] = payload.at
-            places.append(("payload", payload.com, payload.com_std))
-        for what, com, std in places:
-            for axis, value, error in zip("xyz", com, std, strict=True):
-                shown[f"{what} com {axis} [m]"] = with_std(value, error) + mark
-        for change in last:
+        bodies = [(name, *each) for name, texts in self.bodies().items() for each in zip(BODY, texts, strict=True)]
+        shown = {f"{name} {quantity}": f"{text}{self.mark}" for name, quantity, text in bodies}
+        if self.payload is not None and self.payload.at:
+            shown["payload at"] = self.payload.at
+        for change in self.changes[-1:]:
             shown["last change [kg]"] = (
                 f"{change.kind} at {self.since(change.time):.2f} s, {with_std(change.mass, change.mass_std)}"
             )

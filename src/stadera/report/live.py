@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from math import isfinite
 
 from rich.console import Group, RenderableType
@@ -11,18 +10,16 @@ from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
-from stadera.live.state import LiveState
+from stadera.live.state import BODY, LiveState
 from stadera.report.numbers import number, with_scale, with_std
 from stadera.report.table import SHOWN
 from stadera.report.trust import trust_text
-from stadera.types import Array
 
 _COLOURS = {"good": "green", "doubtful": "yellow", "bad": "bold red"}
-_PLACE = ("com x [m]", "com y [m]", "com z [m]")
 
 
-def live_screen(state: LiveState) -> RenderableType:
-    """All estimates: masses, centres of mass, trust, changes, message rates, and missing input."""
+def live_screen(state: LiveState, below: str = "") -> RenderableType:
+    """All estimates: masses, centres of mass, trust, changes, message rates, and missing input; `below` them a line."""
     colour = _COLOURS[state.trust.verdict]
     parts: list[RenderableType] = [_bodies(state), Text(f"trust: {trust_text(state.trust)}", style=colour)]
     parts += [Text(f"waiting for {lacking}", style="yellow") for lacking in state.waiting_for]
@@ -30,85 +27,66 @@ def live_screen(state: LiveState) -> RenderableType:
         parts.append(_changes(state))
     parts += [_health(state), *(Text(f"note: {note}", style="dim") for note in state.notes)]
     time = "" if state.time != state.time else f" at {state.since(state.time):.2f} s"
-    return Panel(Group(*parts), title=f"{state.robot}{time}, {state.status}", title_align="left", border_style=colour)
+    return Panel(
+        Group(*parts),
+        title=f"{state.robot}{time}, {state.status}",
+        title_align="left",
+        border_style=colour,
+        subtitle=below or None,
+        subtitle_align="left",
+    )
 
 
 def live_lines(state: LiveState, before: LiveState | None) -> Iterator[str]:
     """Yields a line for each difference from the previous state: missing input, trust, tare and changes."""
     at = "" if state.time != state.time else f"{state.since(state.time):.2f} s: "
-    old = _Seen() if before is None else _Seen.of(before)
-    new = _Seen.of(state)
-    if old.waiting_for != new.waiting_for:
-        yield from (f"{at}waiting for {lacking}" for lacking in new.waiting_for)
-    if old.waiting_for and not new.waiting_for:
+    waited = () if before is None else before.waiting_for
+    if tuple(waited) != tuple(state.waiting_for):
+        yield from (f"{at}waiting for {lacking}" for lacking in state.waiting_for)
+    if waited and not state.waiting_for:
         yield f"{at}samples arrive"
-    if old.verdict != new.verdict:
+    if before is None or before.trust.verdict != state.trust.verdict:
         yield f"{at}trust: {trust_text(state.trust)}"
-    if new.tared and not old.tared:
+    if state.payload is not None and (before is None or before.payload is None):
         yield f"{at}tared"
+    known = {change.noticed for change in (before.changes if before else ())}
     for change in state.changes:
-        if change.noticed not in old.changes:
+        if change.noticed not in known:
             mass = with_std(change.mass, change.mass_std)
-            yield f"{at}load {change.kind} at {state.since(change.time):.2f} s, {mass} kg so far{_mark(state)}"
-
-
-@dataclass(frozen=True)
-class _Seen:
-    """Parts of a state whose changes are reported."""
-
-    waiting_for: tuple[str, ...] = ()
-    verdict: str = ""
-    tared: bool = False
-    changes: frozenset[float] = frozenset()
-
-    @classmethod
-    def of(cls, state: LiveState) -> _Seen:
-        noticed = frozenset(change.noticed for change in state.changes)
-        return cls(tuple(state.waiting_for), state.trust.verdict, state.payload is not None, noticed)
+            yield f"{at}load {change.kind} at {state.since(change.time):.2f} s, {mass} kg so far{state.mark}"
 
 
 def live_summary(state: LiveState) -> str:
     """Final summary in one line."""
     trunk, payload = state.trunk, state.payload
-    text = f"trunk {with_scale(trunk.inertial.mass, trunk.mass_std, trunk.mass_std_without_scale)}{_mark(state)}"
+    text = f"trunk {with_scale(trunk.inertial.mass, trunk.mass_std, trunk.mass_std_without_scale)}{state.mark}"
     if payload is not None:
         mass = with_scale(payload.mass, payload.mass_std, payload.mass_std_without_scale)
-        text += f"; payload {mass}{_mark(state)}{payload.at and f' at {payload.at}'}"
+        text += f"; payload {mass}{state.mark}{payload.at and f' at {payload.at}'}"
     return f"{text}; trust: {trust_text(state.trust)}"
 
 
-def _mark(state: LiveState) -> str:
-    return "" if state.is_trusted else " (not to be trusted)"
-
-
-def _bodies(state: LiveState) -> Table:
+def _table(*head: str) -> Table:
     table = Table(box=None, pad_edge=False, header_style="dim")
-    for heading in ("", "mass [kg]", *_PLACE):
-        table.add_column(Text(heading), justify="left" if not heading else "right")
-    trunk, payload = state.trunk, state.payload
-    table.add_row(*_body("trunk", trunk.inertial.mass, trunk.mass_std, trunk.com, trunk.com_std, state))
-    if payload is None:
-        table.add_row("payload", "no tare yet")
-    else:
-        table.add_row(*_body("payload", payload.mass, payload.mass_std, payload.com, payload.com_std, state))
+    for heading in head:
+        table.add_column(Text(heading), justify="right" if heading else "left")
     return table
 
 
-def _body(name: str, mass: float, mass_std: float, com: Array, com_std: Array, state: LiveState) -> Iterator[Text]:
-    style = "bold" if state.is_trusted else "red strike"
-    yield Text(name)
-    yield Text(with_std(mass, mass_std), style=style)
-    for value, std in zip(com, com_std, strict=True):
-        yield Text(with_std(value, std), style=style)
+def _bodies(state: LiveState) -> Table:
+    table, style = _table("", *BODY), "bold" if state.is_trusted else "red strike"
+    for name, texts in state.bodies().items():
+        table.add_row(Text(name), *(Text(text, style=style) for text in texts))
+    if state.payload is None:
+        table.add_row("payload", "no tare yet")
+    return table
 
 
 def _changes(state: LiveState) -> Table:
-    table = Table(box=None, pad_edge=False, header_style="dim")
-    for heading in ("load", "at [s]", "noticed after [s]", "change [kg]"):
-        table.add_column(Text(heading), justify="right")
+    table = _table("load", "at [s]", "noticed after [s]", "change [kg]")
     for change in reversed(state.changes[-SHOWN.changes :]):
         after = f"{change.noticed - change.time:.2f}"
-        mass = with_std(change.mass, change.mass_std) + _mark(state)
+        mass = with_std(change.mass, change.mass_std) + state.mark
         table.add_row(change.kind, f"{state.since(change.time):.2f}", after, mass)
     return table
 

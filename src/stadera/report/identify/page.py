@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -11,12 +11,13 @@ from stadera.identify.result import MODELS, Identification, LegIdentification, T
 from stadera.report.figures import Axis, Bars, Figure, Guide, Panel, Series, line, stacked
 from stadera.report.identify import tables
 from stadera.report.identify.tables import (
+    HEADLINES,
     MODEL_NAMES,
     answer,
     badge,
     evaluated_part,
-    headline,
     is_alarming,
+    level,
     link_table,
     overall_rmse,
     remarks,
@@ -74,11 +75,11 @@ def identification_html(result: Identification) -> str:
         headline=answer(result),
         level=how,
         word=word,
-        why=f"{trust_reasons(result.trust)} {headline(result)}.",
+        why=f"{trust_reasons(result.trust)} {HEADLINES[level(result)]}.",
         next=tuple(next_steps(result)),
         problems=[remark for remark in said if remark.level == "bad"],
         remarks=[remark for remark in said if remark.level != "bad"],
-        cards=list(_cards(overall_rmse(result, part))),
+        cards=_cards(overall_rmse(result, part)),
         at_a_glance=tables.leg_table(result),
         drives=marked(drives, result.trust) if drives.groups else None,
         where=f"motion not used for fitting: {result.validated_on}" if part == "validation" else "the TRAINING data",
@@ -106,13 +107,14 @@ def _facts(result: Identification) -> dict[str, str]:
     }
 
 
-def _cards(overall: dict[str, float]) -> Iterator[dict[str, str]]:
+def _cards(errors: dict[str, float]) -> list[dict[str, str]]:
     """Overall errors of the models, best first, as arguments of the macro `card`."""
-    for model, name in tables.MODEL_NAMES.items():
-        if model in overall:
-            other = model != "identified" and "identified" in overall
-            change = f"identified is {compared(overall['identified'], overall[model])}" if other else ""
-            yield {"label": f"{name}, all joints", "figure": number(overall[model], 3), "css": model, "change": change}
+    changes = {m: f"identified is {compared(errors['identified'], errors[m])}" for m in errors if m != "identified"}
+    return [
+        {"label": f"{name}, all joints", "figure": number(errors[m], 3), "css": m, "change": changes.get(m, "")}
+        for m, name in MODEL_NAMES.items()
+        if m in errors
+    ]
 
 
 def _leg(leg: LegIdentification, part: str, trust: Trust) -> dict[str, object]:
@@ -147,23 +149,14 @@ def torque_figure(leg: LegIdentification) -> Figure:
     """Measured torque of each joint over time, and each model's prediction."""
     note = "Measured and predicted; validation is shaded. Drag to zoom, double-click to go back."
     roles = ("prior", "prior_friction", "measured", "identified")
-    return _over_time(leg, "Torques", "torque [N·m]", note, roles, _torque)
+    return _over_time(leg, "Torques", "torque [N·m]", note, roles)
 
 
 def error_figure(leg: LegIdentification) -> Figure:
     """Measured minus predicted torque of each joint over time."""
     note = "Measured minus predicted. CAD alone is hidden: click it in the legend."
-
-    def error(trace: TorqueTrace, role: str) -> Array | None:
-        predicted = trace.predicted.get(role)
-        return None if predicted is None else trace.measured - predicted
-
     hidden = ("prior",) if any("prior_friction" in t.predicted for t in leg.traces) else ()
-    return _over_time(leg, "Torque errors", "error [N·m]", note, MODELS, error, hidden)
-
-
-def _torque(trace: TorqueTrace, role: str) -> Array | None:
-    return trace.measured if role == "measured" else trace.predicted.get(role)
+    return _over_time(leg, "Torque errors", "error [N·m]", note, MODELS, hidden)
 
 
 def _over_time(
@@ -172,11 +165,15 @@ def _over_time(
     quantity: str,
     note: str,
     roles: Sequence[str],
-    values: Callable[[TorqueTrace, str], Array | None],
     hidden: Sequence[str] = (),
 ) -> Figure:
-    """A curve of each role's values (samples, joints) in a panel of each joint."""
+    """A curve of each role's torques, or of their errors without the role "measured", in a panel of each joint."""
     traces, panels = plotted_traces(leg.traces), []
+
+    def values(trace: TorqueTrace, role: str) -> Array | None:
+        known = trace.measured if role == "measured" else trace.predicted.get(role)
+        return known if known is None or "measured" in roles else trace.measured - known
+
     shaded = [t for t in traces if t.part == "validation" and len(traces) > 1]
     guides = tuple(Guide(float(t.time[0]), float(t.time[-1]), colour="blue") for t in shaded)
     for k, joint in enumerate(leg.leg.joints):

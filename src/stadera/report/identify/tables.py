@@ -21,7 +21,7 @@ from stadera.report.terminal import legend, rich_table
 from stadera.report.trust import LEVELS, STYLES, Level, marked, trust_text
 
 _NUMBER = re.compile(r"(?<![\w.])\d+(?:\.\d+)?(?![\w])")
-_HEADLINES: dict[Level, str] = {
+HEADLINES: dict[Level, str] = {
     "bad": "Do not use these numbers as they are",
     "warning": "Read the warnings below before using the numbers",
     "note": "Nothing stands against using the numbers",
@@ -74,11 +74,6 @@ def answer(result: Identification) -> str:
     return f"{said}."
 
 
-def verdict(result: Identification) -> str:
-    """Trust, followed by the answer."""
-    return f"Trust: {trust_text(result.trust, reasons=False)}. {answer(result)}"
-
-
 def badge(result: Identification) -> tuple[Level, str]:
     """Trust in a word, and its level; a result that should not be used is marked as bad in any case."""
     verdict = result.trust.verdict
@@ -93,11 +88,6 @@ def level(result: Identification) -> Level:
     return "bad" if is_alarming(result) else found[0].level if found else "note"
 
 
-def headline(result: Identification) -> str:
-    """Half a sentence on whether the numbers can be used."""
-    return _HEADLINES[level(result)]
-
-
 def remarks(result: Identification) -> tuple[Remark, ...]:
     """All remarks, the most serious first. Sentences that apply to several legs are merged."""
     found = [Remark(LEVELS[result.trust.verdict], reason) for reason in result.trust.reasons]
@@ -106,7 +96,7 @@ def remarks(result: Identification) -> tuple[Remark, ...]:
         found.append(Remark("bad", untested))
     found += [Remark("note", text) for text in _on_masses(result)]
     found += [Remark("warning", text) for text in (*result.warnings, *_on_legs(result))]
-    return tuple(sorted(dict.fromkeys(found), key=lambda remark: list(_HEADLINES).index(remark.level)))
+    return tuple(sorted(dict.fromkeys(found), key=lambda remark: list(HEADLINES).index(remark.level)))
 
 
 def _on_legs(result: Identification) -> Iterator[str]:
@@ -178,31 +168,17 @@ def shown(quantity: Quantity, prior: str = "CAD") -> str:
 
 
 def _prior(quantity: Quantity) -> str:
-    """The prior, zero except for rounding as zero."""
     return number(quantity.prior if abs(quantity.prior) > NOTHING else 0.0, 3)
 
 
-def _compact(quantity: Quantity | None) -> Cell | str:
-    """Value and prior in one cell."""
-    if quantity is None:
-        return ""
-    return Cell(shown(quantity, "prior"), quantity.verdict, note=f"[{_prior(quantity)}]")
-
-
 def _drive(quantity: Quantity | None) -> Cell | str:
-    """As `_compact`, without the number of a value that was not measured, and without a prior of zero."""
+    """Value and prior in one cell, without the number of a value that was not measured, or a prior of zero."""
     if quantity is None:
         return ""
     if quantity.is_held:
         return Cell(NOT_MEASURED, quantity.verdict, muted=True)
     prior = f"[{_prior(quantity)}]" if abs(quantity.prior) > NOTHING else ""
     return Cell(shown(quantity), quantity.verdict, note=prior)
-
-
-def _row(name: str, quantity: Quantity) -> tuple[Cell, ...]:
-    """Name with unit, prior, and the value with its standard deviation."""
-    named = Cell(name, quantity.verdict, note=f"[{quantity.unit}]")
-    return named, Cell(_prior(quantity)), Cell(shown(quantity), strong=True)
 
 
 def leg_table(result: Identification) -> TableData:
@@ -230,7 +206,11 @@ def link_table(leg: LegIdentification) -> TableData:
     rank, links = leg.estimate.observability.rank, leg.leg.links
     by_link = [_link_quantities(leg, link) for link in links]
     rows = (
-        [Cell(f"{name} [{q.unit}]"), *(_compact(found[name]) for found in by_link)] for name, q in by_link[0].items()
+        [
+            Cell(f"{name} [{q.unit}]"),
+            *(Cell(shown(x[name], "prior"), x[name].verdict, note=f"[{_prior(x[name])}]") for x in by_link),
+        ]
+        for name, q in by_link[0].items()
     )
     title = f"{leg.leg.name}: rank {rank} of {len(leg.estimate.columns)} parameters"
     return TableData.of(title, ("parameter", *links), rows, LINK_FRAMES, "l" * (1 + len(links)))
@@ -261,14 +241,10 @@ def trunk_table(result: Identification) -> TableData:
     assert result.trunk is not None
     prior, found = result.robot.inertias[result.robot.trunk], result.trunk
     names = ("mass [kg]", "com x [m]", "com y [m]", "com z [m]")
-    values = zip(
-        names, (prior.mass, *prior.com), (found.inertial.mass, *found.inertial.com), (found.mass_std, *found.com_std),
-        strict=True,
-    )  # fmt: skip
-    rows = [
-        [name, number(model, 3), number(value, 4), number(std, 2) if std == std else "not observed"]
-        for name, model, value, std in values
-    ]
+    model, values = (prior.mass, *prior.com), (found.inertial.mass, *found.inertial.com)
+    stds = (number(std, 2, "not observed") for std in (found.mass_std, *found.com_std))
+    shown = ([number(v, digits) for v in column] for column, digits in ((model, 3), (values, 4)))
+    rows = zip(names, *shown, stds, strict=True)
     return TableData.of(f"Trunk ({result.robot.trunk}), payload included", ("", "model", "value", "std"), rows)
 
 
@@ -315,26 +291,27 @@ def combination_table(leg: LegIdentification) -> TableData:
     """The measured ones of the combinations of parameters that this kind of motion can determine; its note counts the
     others.
     """
-    found = {c.text: Quantity(c.prior, c.value, c.std, c.verdict, c.unit) for c in leg.combinations}
-    hidden = sum(quantity.is_held for quantity in found.values())
+    hidden = sum(quantity.is_held for quantity in leg.combinations)
+    found = {c.text: c for c in leg.combinations}
     table = _quantity_table("Identifiable combinations of parameters", found, "prior", "combination")
     return replace(table, note=f"{counted(hidden, 'more combination')} not measured." if hidden else "")
 
 
 def _quantity_table(title: str, found: Mapping[str, Quantity], prior: str, name: str) -> TableData:
-    """Measured quantities in rows: prior and identified value."""
-    rows = [_row(text, quantity) for text, quantity in found.items() if not quantity.is_held]
+    rows = [
+        (Cell(text, q.verdict, note=f"[{q.unit}]"), _prior(q), Cell(shown(q), strong=True))
+        for text, q in found.items()
+        if not q.is_held
+    ]
     return TableData.of(title, (name, prior, "identified ± std"), rows)
 
 
 def _link_quantities(leg: LegIdentification, link: str) -> dict[str, Quantity]:
-    """Mass, centre of mass and inertia of a link, by name."""
     com = {f"com {axis}": quantity for axis, quantity in zip("xyz", leg.coms[link], strict=True)}
     return {"mass": leg.parameters[f"{link}.m"], **com, **{n: leg.parameters[f"{link}.{n}"] for n in ORDER[4:]}}
 
 
 def _joint_quantities(leg: LegIdentification) -> dict[str, dict[str, Quantity]]:
-    """Identified quantities by joint and term."""
     terms: dict[str, dict[str, Quantity]] = {}
     for name, quantity in leg.parameters.items():
         owner, term = name.rsplit(".", 1)
@@ -355,4 +332,5 @@ def identification_tables(result: Identification) -> Iterator[RenderableType]:
     for remark in reversed(remarks(result)):
         word = {"bad": "problem"}.get(remark.level, remark.level)
         yield Text(f"{word}: {remark.text}", style=STYLES[remark.level])
-    yield Text(verdict(result), style="bold" if result.trust.verdict == "good" else STYLES[level(result)])
+    said = f"Trust: {trust_text(result.trust, reasons=False)}. {answer(result)}"
+    yield Text(said, style="bold" if result.trust.verdict == "good" else STYLES[level(result)])
