@@ -48,8 +48,7 @@ from stadera.lab.scenarios.settings import Load, SimulateSettings
 from stadera.lab.truth import Truth, read_truth
 from stadera.logs import Recording
 from stadera.logs.reader import read
-from stadera.report.table import TableData
-from stadera.report.terminal import rich_table
+from stadera.report.table import TableData, rich_table
 from stadera.robot import Robot, load_robot
 from stadera.trunk import TrunkEstimator
 from stadera.trunk.protocol import TrunkEstimate

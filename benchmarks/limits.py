@@ -73,7 +73,7 @@ from stadera.lab.experiments.reality import HOW, ROBOTS, SCENARIOS, SHARES, Real
 from stadera.lab.experiments.runner import run_grid
 from stadera.lab.plant import SimulationError
 from stadera.lab.reality.draw import REAL_SETS
-from stadera.report.terminal import rich_table
+from stadera.report.table import rich_table
 from stadera.robot import Robot, load_robot
 from stadera.trunk.samples import Samples
 from stadera.trunk.settings import TrunkSettings

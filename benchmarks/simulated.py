@@ -16,8 +16,7 @@ from stadera.lab.scenarios.run import simulate, stored
 from stadera.lab.scenarios.settings import SimulateSettings
 from stadera.lab.truth import Truth
 from stadera.logs import Recording
-from stadera.report.table import TableData
-from stadera.report.terminal import rich_table
+from stadera.report.table import TableData, rich_table
 from stadera.robot import Robot
 
 

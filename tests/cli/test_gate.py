@@ -9,7 +9,7 @@ import pytest
 
 from robot.robot_files import mjcf, quadruped
 from stadera.cli.app import app
-from stadera.cli.gate import OUTPUTS, GatedCommand, inputs_of
+from stadera.cli.outputs import OUTPUTS, GatedCommand, inputs_of
 
 
 @pytest.fixture

@@ -11,9 +11,6 @@ import pytest
 from stadera.errors import StaderaError
 from stadera.excite.design import ExciteSettings
 from stadera.excite.optimise import FourierSearch
-from stadera.fleet.departures import ScatterSettings
-from stadera.identify.log import SpikeSettings
-from stadera.identify.observability import VerdictLimits
 from stadera.identify.settings import LagSettings, SignalSettings, TrustSettings
 from stadera.identify.solutions import SolverSettings
 from stadera.lab.laws.mass import MassSettings
@@ -37,14 +34,11 @@ SETTINGS = (
     ModelErrors,
     OutlierSettings,
     Reach,
-    ScatterSettings,
     SignalSettings,
     SolverSettings,
-    SpikeSettings,
     StanceSettings,
     SwingDetection,
     TrustSettings,
-    VerdictLimits,
     WeighSettings,
 )
 

@@ -11,8 +11,7 @@ from stadera.body import FrictionModel
 from stadera.errors import IdentificationError, MissingExtraError, UnknownNameError
 from stadera.excite.bounds import LegBounds, Margins
 from stadera.excite.design import Excitation, ExciteSettings, excite, motion_table
-from stadera.excite.optimise import FourierSearch, FourierSeries, optimal_excitation
-from stadera.excite.worth import LegExperiment
+from stadera.excite.optimise import FourierSearch, FourierSeries, LegExperiment, optimal_excitation
 from stadera.lab.laws.paper_draw import paper_draw
 from stadera.logs import read, write_table
 from stadera.robot import Robot, load_robot

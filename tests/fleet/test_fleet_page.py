@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from stadera.fleet.departures import by_robot, series_of
-from stadera.fleet.row import page_path
+from stadera.fleet.run import page_path
 from stadera.fleet.table import COLUMNS, FleetTable
 from stadera.report.table import Shown
 from stadera.results import json_text

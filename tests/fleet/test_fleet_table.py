@@ -12,10 +12,10 @@ import pytest
 
 from stadera.errors import RecordingError, StaderaError, UnknownNameError
 from stadera.fleet import FleetOptions, FleetTable, LogJob, Pool, jobs_of, read_fleet, read_manifest, run_fleet
-from stadera.fleet import row as rows
+from stadera.fleet import run as rows
 from stadera.fleet import run as runs
 from stadera.fleet.merge import merge_fleet, merge_legs
-from stadera.fleet.row import Done, process
+from stadera.fleet.run import Done, process
 from stadera.fleet.table import COLUMNS
 from stadera.identify.legs import identify
 from stadera.identify.settings import IdentifySettings

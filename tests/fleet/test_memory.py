@@ -16,7 +16,7 @@ GROWN = """
 import sys
 from stadera.fleet.jobs import LogJob
 from stadera.fleet.pool import attempted
-from stadera.fleet.row import Task, process
+from stadera.fleet.run import Task, process
 
 def resident():  # MB
     return int(open("/proc/self/statm").read().split()[1]) * 4096 / 1e6

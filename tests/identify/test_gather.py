@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from stadera.identify.gather import Gathered
-from stadera.identify.residuals import correlation_length, independent_rows
+from stadera.identify.gather import Gathered, correlation_length, independent_rows
 from stadera.information import Information, Unknowns
 
 

@@ -9,7 +9,7 @@ import pytest
 
 import stadera
 from identify.leg_runs import hyq, noisy, run
-from stadera.identify.log import SpikeSettings, without_spikes
+from stadera.identify.log import without_spikes
 from stadera.identify.settings import IdentifySettings
 
 RH = IdentifySettings(legs=("RH",), torque_lag=0.0)
@@ -37,7 +37,7 @@ def test_from_where_on_a_sample_is_wild_is_a_setting() -> None:
     effort = clean.channel("effort", clean.joints).copy()
     effort[500, 1] = 400.0
     log = replace(clean, effort=effort)
-    assert without_spikes(log, SpikeSettings(wild=1e6)) is log
+    assert without_spikes(log, wild=1e6) is log
     assert without_spikes(log) is not log
 
 

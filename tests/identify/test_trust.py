@@ -11,7 +11,7 @@ import pytest
 import stadera
 from identify.leg_runs import hyq, noisy, run
 from stadera.errors import MissingExtraError, StaderaError, UntrustedError
-from stadera.identify.residuals import LegScore
+from stadera.identify.gather import LegScore
 from stadera.identify.result import Identification
 from stadera.identify.schema import with_identified_legs
 from stadera.identify.settings import IdentifySettings, TrustSettings

@@ -17,7 +17,7 @@ from stadera.report.identify.tables import (
     shown,
     torque_rms,
 )
-from stadera.report.terminal import rich_table
+from stadera.report.table import rich_table
 from stadera.trust import Trust
 
 

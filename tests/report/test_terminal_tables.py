@@ -8,8 +8,7 @@ import pytest
 from rich.console import Console
 
 from stadera.errors import StaderaError
-from stadera.report.table import TableData
-from stadera.report.terminal import rich_table
+from stadera.report.table import TableData, rich_table
 
 
 def test_brackets_in_headings_and_title_are_text() -> None:

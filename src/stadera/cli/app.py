@@ -11,12 +11,12 @@ from stadera import __version__
 from stadera.cli import DEBUG
 from stadera.cli.excite import excite
 from stadera.cli.fleet import fleet
-from stadera.cli.gate import GatedCommand
 from stadera.cli.identify import identify
-from stadera.cli.inspect import inspect
+from stadera.cli.inspect import ColumnsMayStandAlone, inspect
 from stadera.cli.laboratory import demo, replay, reproduce, simulate
 from stadera.cli.live import live
-from stadera.cli.options import ColumnsMayStandAlone, flag
+from stadera.cli.options import flag
+from stadera.cli.outputs import GatedCommand
 from stadera.cli.weigh import compare, weigh
 
 app = typer.Typer(

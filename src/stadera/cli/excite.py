@@ -26,7 +26,7 @@ class Player(StrEnum):
 @grouped
 def excite(
     robot: RobotName,
-    leg: Annotated[str | None, option("RH", "A leg in the air, by its name in any case.")] = None,
+    leg: Annotated[str | None, option("LEG", "A leg in the air, by its name in any case.")] = None,
     trunk: Annotated[bool, flag("The trunk of a standing robot, to weigh its payload.", "--trunk")] = False,
     out: Annotated[Path | None, option("FILE", "Write the motion as a table, .csv or .parquet, or a script.")] = None,
     player: Annotated[Player, typer.Option("--for", help="With --trunk, what plays --out.")] = Player.csv,
@@ -54,7 +54,7 @@ def excite(
     the model has shapes; and compared with the paper's random sinusoids. Starts and ends at rest in the stance.
     """
     if trunk == (leg is not None):
-        raise typer.BadParameter("one of --leg RH and --trunk is needed", param_hint="--leg")
+        raise typer.BadParameter("one of --leg LEG and --trunk is needed", param_hint="--leg")
     from stadera.robot import load_robot
 
     model = load_robot(robot, limits_of(limit))
@@ -85,7 +85,6 @@ def excite(
 def _trunk(
     robot: "Robot", out: Path | None, player: Player, seconds: float, rate: float, seed: int, files: ResultFiles
 ) -> None:
-    """Designs and writes a weighing routine."""
     from stadera.excite.trunk.design import RoutineSettings, weighing_routine
     from stadera.excite.trunk.planted import AXES
     from stadera.excite.trunk.result import interface_named

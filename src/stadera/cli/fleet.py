@@ -91,6 +91,8 @@ def fleet(
         raise typer.BadParameter("needs --identify", param_hint="--merge")
     springs = None if stiffness is None else parse.point(stiffness)
 
+    from stadera.boundary import foreign
+    from stadera.errors import StaderaError
     from stadera.fleet.jobs import FleetOptions
     from stadera.report.fleet import fleet_tables
 
@@ -102,7 +104,8 @@ def fleet(
     check_outputs((out, json, report, merge))
     check_report(report)
     if pages is not None:
-        _make_folder(pages)
+        with foreign(pages, "no folder can be made there", StaderaError):
+            pages.mkdir(parents=True, exist_ok=True)
     table = _run(jobs, out, pool)
     write_outputs(
         (json, json_of(table.to_dict)), (report, text_of(lambda: table.to_html(_links(table, pages, report))))
@@ -110,7 +113,9 @@ def fleet(
     if merge is not None:
         _merge(table, jobs, merge)
     show(*fleet_tables(table))
-    _require_any(table)
+    if all(row["status"] == "failed" for row in table.rows):  # then the call is probably wrong
+        many = f"all {len(table.rows)} logs failed, the first" if len(table.rows) > 1 else "the only log failed"
+        raise StaderaError(f"{many}: {table.rows[0]['error']}")
 
 
 def _run(jobs: list[LogJob], out: Path, pool: Pool) -> FleetTable:
@@ -125,22 +130,12 @@ def _run(jobs: list[LogJob], out: Path, pool: Pool) -> FleetTable:
         raise StaderaError(f"broken off; what is done is in {out}, and the same command goes on from there") from None
 
 
-def _make_folder(path: Path) -> None:
-    """Makes a folder unless it is there. Raises StaderaError: it cannot be made."""
-    from stadera.errors import StaderaError
-
-    try:
-        path.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise StaderaError(f"{path}: no folder can be made there: {error.strerror}") from None
-
-
 def _links(table: FleetTable, pages: Path | None, report: Path | None) -> dict[str, str]:
     """Addresses, as seen from the report, of the logs' pages that exist."""
     from os.path import relpath
     from urllib.parse import quote
 
-    from stadera.fleet.row import page_path
+    from stadera.fleet.run import page_path
 
     if pages is None or report is None:
         return {}
@@ -149,7 +144,6 @@ def _links(table: FleetTable, pages: Path | None, report: Path | None) -> dict[s
 
 
 def _merge(table: FleetTable, jobs: list[LogJob], path: Path) -> None:
-    """Writes one file per robot: for a single one to the path itself, else with the robot's name in it."""
     from stadera.fleet.merge import merge_fleet
     from stadera.report.numbers import counted
 
@@ -158,12 +152,3 @@ def _merge(table: FleetTable, jobs: list[LogJob], path: Path) -> None:
     write_outputs(*((paths[name], json_of(legs.to_dict)) for name, legs in merged.items()))
     for name, legs in merged.items():
         show(f"{name}: legs by {counted(len(legs.logs), 'log')}, {legs.trust.verdict}, misfit {legs.trust.misfit:.2g}")
-
-
-def _require_any(table: FleetTable) -> None:
-    """Raises if every log failed, since then the call is probably wrong."""
-    from stadera.errors import StaderaError
-
-    if all(row["status"] == "failed" for row in table.rows):
-        many = f"all {len(table.rows)} logs failed, the first" if len(table.rows) > 1 else "the only log failed"
-        raise StaderaError(f"{many}: {table.rows[0]['error']}")

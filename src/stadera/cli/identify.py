@@ -117,7 +117,6 @@ def identify(
 
 
 def _require_trust(result: Identification, force: bool) -> None:
-    """Raises if the result cannot be trusted, unless forced."""
     from stadera.errors import UntrustedError
 
     if result.trust.verdict == "bad" and not force:

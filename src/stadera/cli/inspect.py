@@ -1,14 +1,30 @@
 """`stadera inspect`: shows the content of a robot model or a log."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
-from stadera.cli.options import TEMPLATE, LogOptions, ModelOptions, argument, grouped, limits_of, option
+from stadera.cli.options import LogOptions, ModelOptions, argument, grouped, limits_of, option
+from stadera.cli.outputs import GatedCommand
 from stadera.cli.terminal import progress, show
 
 if TYPE_CHECKING:
     from stadera.limits import Limits
     from stadera.logs import LogFile
+
+
+TEMPLATE = "-"
+"""Value of `--columns` if none is given: write a map of the columns."""
+
+
+class ColumnsMayStandAlone(GatedCommand):
+    """A command whose option `--columns` needs no value."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Replaces `--columns` without a value by `--columns -`."""
+        given: list[str] = []
+        for word, follower in zip(args, [*args[1:], "--"], strict=True):
+            given += [word, TEMPLATE] if word == "--columns" and follower.startswith("-") else [word]
+        return super().parse_args(ctx, given)
 
 
 @grouped
@@ -61,9 +77,9 @@ def inspect(
 
 
 def _compare(first: str, second: str, limits: "Limits", shape: ModelOptions) -> None:
-    """Shows where two models differ. Raises ModelError: one is no robot; UntrustedError: they differ."""
     from stadera.errors import ModelError, UntrustedError
     from stadera.report.inspect import comparison
+    from stadera.report.numbers import counted
     from stadera.robot.compare import differences
 
     for target in (first, second):
@@ -73,7 +89,7 @@ def _compare(first: str, second: str, limits: "Limits", shape: ModelOptions) -> 
     found = list(differences(one, other))
     show(*comparison(one, other, found))
     if found:
-        raise UntrustedError(f"{first} and {second} differ in {len(found)} value{'s' if len(found) > 1 else ''}")
+        raise UntrustedError(f"{first} and {second} differ in {counted(len(found), 'value')}")
 
 
 def _is_robot(target: str) -> bool:

@@ -28,13 +28,11 @@ from stadera.cli.outputs import ResultFiles, check_outputs, check_report, check_
 from stadera.cli.terminal import progress, show
 
 if TYPE_CHECKING:
-    from stadera.cli.terminal import Progress
     from stadera.lab.experiments.result import ExperimentResult, Skipped
     from stadera.lab.scenarios.run import Run
     from stadera.lab.scenarios.settings import SimulateSettings
     from stadera.report.figures import Figure
     from stadera.report.table import TableData
-    from stadera.robot import Robot
 
 
 _SCENARIOS = "stand|stand-load|poses|ramp|crawl|crawl-load|trot|trot-load|shake|shake-load|squat|swing|motion"
@@ -121,6 +119,8 @@ def simulate(
 
     require_lab("stadera simulate")
     from stadera.lab.scenarios.catalog import SWING, scenario_named
+    from stadera.lab.scenarios.run import simulate as run_scenario
+    from stadera.lab.scenarios.swing import swing
     from stadera.robot import load_robot
 
     if scenario != SWING:
@@ -130,23 +130,15 @@ def simulate(
     check_table(out)
     check_outputs((out, model))
     with progress() as watch:
-        run = _run(truth, scenario, settings, leg, watch)
+        if scenario == SWING:
+            run = swing(truth, leg or "all", settings, watch)
+        else:
+            run = run_scenario(truth, scenario, settings, watch)
     _write(run, out, model)
     _print(run, out)
 
 
-def _run(robot: Robot, scenario: str, settings: SimulateSettings, leg: str | None, watch: Progress | None) -> Run:
-    from stadera.lab.scenarios.catalog import SWING
-    from stadera.lab.scenarios.run import simulate as run_scenario
-    from stadera.lab.scenarios.swing import swing
-
-    if scenario == SWING:
-        return swing(robot, leg or "all", settings, watch)
-    return run_scenario(robot, scenario, settings, watch)
-
-
 def _write(run: Run, out: Path, model: Path | None) -> None:
-    """Writes all files or none."""
     from stadera.lab.truth import truth_json, truth_paths
     from stadera.logs import write_table
     from stadera.robot.export import export_model
@@ -189,7 +181,6 @@ def demo(
     classic: Annotated[
         bool, flag("Stop and weigh at rest, as in the paper, instead of while walking.", "--classic")
     ] = False,
-    nonstop: Annotated[bool, typer.Option("--nonstop", hidden=True)] = False,  # the default now; once an option
 ) -> None:
     """HyQ crawls, and a 30 kg box lands on a corner of its back: without identification it falls.
 
@@ -213,7 +204,7 @@ def demo(
             if watch:
                 watch(run, round(100 * done), 100, doing)
 
-        result = run_demo(DemoSettings(seed=seed, classic=classic and not nonstop), follow)
+        result = run_demo(DemoSettings(seed=seed, classic=classic), follow)
     write_outputs((report, page_of(lambda: demo_html(result))), (json, json_of(result.to_dict)))
     show(*demo_tables(result))
 
@@ -248,7 +239,7 @@ def replay(
     from stadera.errors import RecordingError
     from stadera.lab import require_lab
     from stadera.logs.topics import PdGains
-    from stadera.report.terminal import rich_table
+    from stadera.report.table import rich_table
 
     require_lab("replaying a log")
     from stadera.lab.replay import ReplaySettings

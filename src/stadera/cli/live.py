@@ -15,9 +15,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from stadera.cli import options as opt
-from stadera.cli.gate import REPLAY
-from stadera.cli.options import LogOptions, argument, grouped, option
-from stadera.cli.robot import RobotOptions, save_memory
+from stadera.cli.options import LogOptions, RobotOptions, argument, grouped, option, save_memory
+from stadera.cli.outputs import REPLAY
 from stadera.cli.terminal import show
 
 if TYPE_CHECKING:
@@ -86,7 +85,6 @@ def live(
 
 @contextmanager
 def _until_stopped() -> Iterator[threading.Event]:
-    """An event that is set by Ctrl-C and SIGTERM."""
     stop = threading.Event()
     before = {number: signal.signal(number, lambda *_: stop.set()) for number in (signal.SIGINT, signal.SIGTERM)}
     try:

@@ -1,11 +1,14 @@
-"""Output files of a command: checked before the computation, then written all together or not at all."""
+"""Output files of a command: checked before the computation, none over an input, written all together or not at all."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
+
+from typer.core import TyperCommand
 
 from stadera.cli.options import JsonFile, ReportFile, option
 from stadera.errors import RecordingError, StaderaError
@@ -15,6 +18,7 @@ from stadera.results import Result, json_text
 if TYPE_CHECKING:
     from stadera.report.figures import Figure
     from stadera.report.table import TableData
+
 
 Writer = Callable[[Path], object]
 """Fills the draft of one file."""
@@ -93,20 +97,17 @@ class ResultFiles:
     ) -> None:
         """Writes these and other files, or none. Raises UnknownNameError: there is no figure of a name."""
 
-        def drawing(name: str | None) -> Writer:
-            def fill(draft: Path) -> None:
-                from stadera.report.figures.paper import drawn, save
+        def draw(draft: Path, name: str | None) -> None:
+            from stadera.report.figures.paper import drawn, save
 
-                save(drawn(figures(), name), draft)
-
-            return fill
+            save(drawn(figures(), name), draft)
 
         write_outputs(
             *others,
             (self.json, json_of(values)),
             (self.report, page_of(page)),
             (self.latex, text_of(latex)),
-            *((path, drawing(name)) for name, path in self.figures),
+            *((path, partial(draw, name=name)) for name, path in self.figures),
         )
 
     def write_result(self, result: Result, *others: tuple[Path | None, Writer]) -> None:
@@ -147,3 +148,61 @@ def page_of(make: Callable[[], str]) -> Writer:
         write_pdf(make(), draft)
 
     return fill
+
+
+OUTPUTS = frozenset(
+    {"memory", "json", "report", "export", "out", "model", "latex", "figure", "keep", "merge", "record", "rrd"}
+)
+"""Parameters that name outputs. All other parameters that name files are inputs."""
+
+REPLAY = "replay:"
+"""Prefix of the path of a log that is replayed in place of a running robot."""
+
+
+class GatedCommand(TyperCommand):
+    """A command whose inputs are derived from its parameters, so that none can be forgotten."""
+
+    def invoke(self, ctx: Any) -> Any:
+        """Runs the command within the gate, and reports the files written."""
+        from stadera.files import output_gate
+
+        with output_gate(inputs_of(ctx.params)) as gate:
+            value = super().invoke(ctx)
+        if gate.written:
+            from stadera.cli.terminal import show
+
+            written: dict[Path, bool] = {}
+            for path, replaced in gate.written:  # files written repeatedly are reported once
+                written.setdefault(path, replaced)
+            show(*(f"wrote {path}{' in place of the one before' * replaced}" for path, replaced in written.items()))
+        return value
+
+
+def inputs_of(parameters: Mapping[str, Any]) -> Iterator[Path]:
+    """The files that parameters name, including those of a named robot and files included by a model."""
+    for name, value in parameters.items():
+        if name in OUTPUTS:
+            continue
+        for text in value if isinstance(value, list | tuple) else [value]:
+            if isinstance(text, Path | str) and text:
+                yield from _files(str(text), name)
+
+
+def _files(text: str, parameter: str) -> Iterator[Path]:
+    path = _robot(text) if parameter in ("robot", "target") else Path(text.removeprefix(REPLAY))
+    yield path
+    if path.suffix.lower() in (".xml", ".mjcf", ".urdf") and path.is_file():
+        import re
+
+        found = re.findall(r'<(?:include|compiler)[^>]*?(?:file|filename)="([^"]+)"', path.read_text(errors="replace"))
+        yield from (path.parent / name for name in found)
+
+
+def _robot(text: str) -> Path:
+    from stadera.errors import StaderaError
+    from stadera.robot.catalog import resolve
+
+    try:
+        return resolve(text)[1]
+    except StaderaError:
+        return Path(text)

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -37,11 +36,7 @@ def cutoff(value: str) -> float | Literal["auto"] | None:
         return "auto"
     if value.lower() == "none":
         return None
-    wanted = "a frequency in Hz, 'auto' or 'none'"
-    frequency = _number(value, wanted)
-    if frequency <= 0.0:
-        raise typer.BadParameter(f"{value!r} is not {wanted}")
-    return frequency
+    return _number(value, "a frequency in Hz, 'auto' or 'none'", fits=lambda frequency: frequency > 0.0)
 
 
 def torque_lag(value: str) -> float | None:
@@ -50,22 +45,15 @@ def torque_lag(value: str) -> float | None:
         return None
     from stadera.logs.processing import LONGEST_DELAY
 
-    option, wanted = "'--torque-lag'", f"seconds between -{LONGEST_DELAY:g} and {LONGEST_DELAY:g}, or 'auto'"
-    lag = _number(value, wanted, option)
-    if abs(lag) > LONGEST_DELAY:
-        raise typer.BadParameter(f"{value!r} is not {wanted}", param_hint=option)
-    return lag
+    wanted = f"seconds between -{LONGEST_DELAY:g} and {LONGEST_DELAY:g}, or 'auto'"
+    return _number(value, wanted, "'--torque-lag'", lambda lag: abs(lag) <= LONGEST_DELAY)
 
 
 def split(value: str) -> float:
     """The share of the log to fit, above 0 and below 1; 1 for "none"."""
     if value.lower() == "none":
         return 1.0
-    option, wanted = "'--split'", "a share between 0 and 1, or 'none'"
-    share = _number(value, wanted, option)
-    if not 0.0 < share < 1.0:
-        raise typer.BadParameter(f"{value!r} is not {wanted}", param_hint=option)
-    return share
+    return _number(value, "a share between 0 and 1, or 'none'", "'--split'", lambda share: 0.0 < share < 1.0)
 
 
 def direction(value: str) -> Point | None:
@@ -89,19 +77,20 @@ def point(value: str) -> Point:
 
 def load(value: str) -> tuple[float, Literal["kg", "N"]]:
     """A mass, "5kg" or plain "5", or a force, "50N"."""
-    wanted = "a load like 5kg or 50N"
     text = value.strip()
-    if text.endswith("N"):
-        return _number(text.removesuffix("N"), wanted), "N"
-    return _number(text.removesuffix("kg"), wanted), "kg"
+    unit: Literal["kg", "N"] = "N" if text.endswith("N") else "kg"
+    return _number(text.removesuffix(unit), "a load like 5kg or 50N"), unit
 
 
 def tare(value: str) -> tuple[float, float] | Path:
     """A range of time "T0:T1" [s], or the path of a log."""
+    from stadera.errors import IdentificationError
     from stadera.weigh.settings import tare_of
 
-    with _bad_usage():
+    try:
         found = tare_of(value)
+    except IdentificationError as error:
+        raise typer.BadParameter(str(error)) from None
     return Path(found) if isinstance(found, str) else found
 
 
@@ -146,23 +135,14 @@ def _numbers(texts: list[str]) -> list[float]:
     return found if found and isfinite(sum(found)) else [float("nan")] * len(texts)
 
 
-@contextmanager
-def _bad_usage() -> Iterator[None]:
-    """Turns a value that the library refuses into bad usage."""
-    from stadera.errors import IdentificationError
-
-    try:
-        yield
-    except IdentificationError as error:
-        raise typer.BadParameter(str(error)) from None
-
-
-def _number(value: str, wanted: str, option: str | None = None) -> float:
+def _number(
+    value: str, wanted: str, option: str | None = None, fits: Callable[[float], bool] = lambda number: True
+) -> float:
     try:
         number = float(value)
     except ValueError:
         number = float("nan")
-    if not isfinite(number):
+    if not (isfinite(number) and fits(number)):
         raise typer.BadParameter(f"{value!r} is not {wanted}", param_hint=option)
     return number
 

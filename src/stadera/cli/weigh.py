@@ -7,9 +7,8 @@ from typing import Annotated
 
 from stadera.cli import options as opt
 from stadera.cli import parse
-from stadera.cli.options import argument, grouped, option
+from stadera.cli.options import RobotOptions, argument, grouped, option, save_memory
 from stadera.cli.outputs import ResultFiles
-from stadera.cli.robot import RobotOptions, save_memory
 from stadera.cli.terminal import progress, show
 
 
@@ -101,8 +100,8 @@ def compare(
     unloaded = None if tare is None else parse.tare_range(tare)
     on_scale = None if weight is None else parse.weight(weight)
 
-    from stadera.report.terminal import notes, rich_table
-    from stadera.report.weigh.compared import reasons
+    from stadera.report.table import notes, rich_table
+    from stadera.report.weigh.page import reasons
     from stadera.robot import load_robot
     from stadera.weigh.compare import compare as compare_logs
 

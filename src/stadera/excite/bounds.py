@@ -21,7 +21,7 @@ from stadera.constants import ROUNDING
 from stadera.errors import IdentificationError
 from stadera.excite.sinusoids import Sinusoids
 from stadera.robot.kinematics import forward_kinematics
-from stadera.robot.model import JointLimits, Leg, Robot, Shape, Tree
+from stadera.robot.model import Leg, Robot, Shape, Tree
 from stadera.robot.stance import standing_configuration
 from stadera.types import Array
 
@@ -71,9 +71,11 @@ class Clearance:
                 f"ground, {margin:g} m are asked for; raise the trunk by {margin - height:.3f} m or more"
             )
         pairs, touching = [], set()
-        for (one, other, _), distance in zip(bare.pairs, bare.pair_distances(at_rest), strict=True):
-            if distance[0] > 0:
-                pairs.append((one, other, min(margin, float(distance[0]))))
+        poses, far = bare._poses(at_rest), np.array([bare.far])
+        for one, other, _ in bare.pairs:
+            distance = float(bare._apart(poses, one, other, far)[0])
+            if distance > 0:
+                pairs.append((one, other, min(margin, distance)))
             else:
                 touching.add((shapes[one].link, shapes[other].link))
         notes = (f"shapes of {a} and {b} touch at rest: not looked at for clearance" for a, b in sorted(touching))
@@ -106,11 +108,6 @@ class Clearance:
             least = np.minimum(least, found - allowed)
         return least
 
-    def pair_distances(self, position: Array) -> Iterator[Array]:
-        """Distance of each pair at poses (samples, n) [rad], (samples,) [m]; above `far` a lower bound of it."""
-        poses, far = self._poses(position), np.full(len(position), self.far)
-        return (self._apart(poses, one, other, far) for one, other, _ in self.pairs)
-
     def _poses(self, position: Array) -> tuple[Array, Array]:
         """Rotations (samples, shapes, 3, 3) and centres (samples, shapes, 3) of the shapes, trunk frame."""
         rotations, translations = (values[:, self.links] for values in forward_kinematics(self.tree, position))
@@ -122,9 +119,7 @@ class Clearance:
         """Distance of two shapes, (samples,) [m]: exact if it may be below `within` (samples,), else a lower bound."""
         rotations, centres = poses
         apart = centres[:, one] - centres[:, other]
-        out = (
-            np.sqrt(np.einsum("ni,ni->n", apart, apart)) - _enclosing(self.shapes[one]) - _enclosing(self.shapes[other])
-        )
+        out = np.sqrt(np.einsum("ni,ni->n", apart, apart)) - sum(self._solids[k].aabb_radius for k in (one, other))
         near = np.flatnonzero(out < within)
         if len(near):
             measure = coal.ComputeDistance(self._solids[one], self._solids[other])
@@ -137,7 +132,11 @@ class Clearance:
 
     @cached_property
     def _solids(self) -> list[Any]:
-        return [_solid(shape) for shape in self.shapes]
+        kinds = {"sphere": coal.Sphere, "capsule": coal.Capsule, "cylinder": coal.Cylinder, "box": coal.Box}
+        solids = [kinds[shape.kind](*shape.size) for shape in self.shapes]
+        for solid in solids:
+            solid.computeLocalAABB()
+        return solids
 
 
 @dataclass(frozen=True, eq=False)
@@ -208,31 +207,6 @@ def _candidates(tree: Tree, shapes: Sequence[Shape], links: NDArray[np.int64]) -
                 yield k, m, 0.0
 
 
-def _solid(shape: Shape) -> Any:
-    match shape.kind:
-        case "sphere":
-            return coal.Sphere(shape.size[0])
-        case "capsule":
-            return coal.Capsule(*shape.size)
-        case "cylinder":
-            return coal.Cylinder(*shape.size)
-        case "box":
-            return coal.Box(*shape.size)
-
-
-def _enclosing(shape: Shape) -> float:
-    """Radius of the sphere around the shape's centre that encloses it [m]."""
-    match shape.kind:
-        case "sphere":
-            return shape.size[0]
-        case "capsule":
-            return shape.size[0] + 0.5 * shape.size[1]
-        case "cylinder":
-            return float(np.hypot(shape.size[0], 0.5 * shape.size[1]))
-        case "box":
-            return 0.5 * float(np.linalg.norm(shape.size))
-
-
 @dataclass(frozen=True)
 class Margins:
     """Margins between an excitation and the leg's limits."""
@@ -285,7 +259,12 @@ class LegBounds:
         indices = [robot.tree.joints.index(joint) for joint in joints]
         pose = standing_configuration(robot)[indices] if rest is None else np.asarray(rest, dtype=float)
         limits = [robot.limits[joint] for joint in joints]
-        _check_within(joints, pose, limits)
+        for joint, angle, limit in zip(joints, pose, limits, strict=True):
+            if not limit.lower <= angle <= limit.upper:
+                raise IdentificationError(
+                    f"rest pose of joint {joint!r}, {angle:.4g} rad, lies outside its limits "
+                    f"{limit.lower:.4g} to {limit.upper:.4g} rad"
+                )
         lower, upper, velocity, effort = np.array([[x.lower, x.upper, x.velocity, x.effort] for x in limits]).T
         return cls(
             robot,
@@ -333,15 +312,6 @@ class LegBounds:
         over = max(float(((q - self.upper) / span).max()), float(((self.lower - q) / span).max()))
         over = max(over, float((np.abs(motion.velocity) / self.velocity).max()) - 1.0)
         return max(over, float((np.abs(self.torque(motion)) / self.effort).max()) - 1.0)
-
-
-def _check_within(joints: Sequence[str], pose: Array, limits: Sequence[JointLimits]) -> None:
-    for joint, angle, limit in zip(joints, pose, limits, strict=True):
-        if not limit.lower <= angle <= limit.upper:
-            raise IdentificationError(
-                f"rest pose of joint {joint!r}, {angle:.4g} rad, lies outside its limits "
-                f"{limit.lower:.4g} to {limit.upper:.4g} rad"
-            )
 
 
 def fitting_factor(motion: Sinusoids, bounds: LegBounds, step: float = 0.99, rate: float = 100.0) -> float:

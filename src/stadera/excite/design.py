@@ -13,9 +13,8 @@ import numpy as np
 from stadera.body import FrictionModel, JointMotion
 from stadera.errors import IdentificationError, positive, require_positive
 from stadera.excite.bounds import LegBounds, Margins
-from stadera.excite.optimise import FourierSearch, optimal_excitation
+from stadera.excite.optimise import FourierSearch, LegExperiment, optimal_excitation
 from stadera.excite.sinusoids import Reference, Sinusoids, check_duration
-from stadera.excite.worth import LegExperiment
 from stadera.identify.observability import Combination, gradients_of
 from stadera.logs import Recording
 from stadera.results import Result, data_frame, finite_or_none
@@ -166,19 +165,6 @@ def _appraised(
         tuple(appraise(draw) for draw in draws),
         combinations,
         rigid.structure.rank,
-        _peaks(chosen, experiment.bounds, settings.look_rate),
-    )
-
-
-def _peaks(chosen: Sinusoids, bounds: LegBounds, rate: float) -> Peaks:
-    motion = chosen.sample(rate).motion
-    return Peaks(
-        motion.position.min(axis=0),
-        motion.position.max(axis=0),
-        np.abs(motion.velocity).max(axis=0),
-        np.abs(motion.acceleration).max(axis=0),
-        np.abs(bounds.torque(motion)).max(axis=0),
-        float(bounds.clearance.distance(motion.position[::2]).min()),
     )
 
 
@@ -204,7 +190,6 @@ class Excitation(Result):
         draws: the paper's random draws for comparison; empty if the motion is itself one.
         combinations: that motion can identify at best.
         rigid_rank: number of combinations of the links' parameters alone.
-        peaks: extremes of the chosen motion.
     """
 
     experiment: LegExperiment
@@ -213,7 +198,6 @@ class Excitation(Result):
     draws: tuple[Appraisal, ...]
     combinations: tuple[Combination, ...]
     rigid_rank: int
-    peaks: Peaks
 
     @property
     def gained(self) -> float | None:
@@ -229,6 +213,23 @@ class Excitation(Result):
     def median_ratio(self) -> float | None:
         """The median of `ratios`; None without draws."""
         return None if self.ratios is None else float(np.median(self.ratios))
+
+    @cached_property
+    def extremes(self) -> dict[str, Array]:
+        """Extremes of the chosen motion by joint, (n,) each: "lower" and "upper" position [rad], and magnitudes of
+        "velocity" [rad/s], "acceleration" [rad/s²] and "torque" as the prior model predicts it [N·m].
+        """
+        motion = self.chosen.motion.sample(self.settings.look_rate).motion
+        torque = self.experiment.bounds.torque(motion)
+        sizes = {"velocity": motion.velocity, "acceleration": motion.acceleration, "torque": torque}
+        position = {"lower": motion.position.min(axis=0), "upper": motion.position.max(axis=0)}
+        return position | {name: np.abs(values).max(axis=0) for name, values in sizes.items()}
+
+    @cached_property
+    def least_distance(self) -> float:
+        """Least distance to trunk, other legs, itself and the ground [m]; above 0.1 m a lower bound of it."""
+        path = self.chosen.motion.sample(self.settings.look_rate).position[::2]
+        return float(self.experiment.bounds.clearance.distance(path).min())
 
     @property
     def motions(self) -> dict[str, Appraisal]:
@@ -262,9 +263,7 @@ class Excitation(Result):
         Raises:
             MissingExtraError: pandas is not installed.
         """
-        random = (
-            np.median([d.std for d in self.draws], axis=0) if self.draws else np.full(len(self.combinations), np.nan)
-        )
+        random = self.chosen.std * (np.nan if self.ratios is None else self.ratios)
         names = [str(combination) for combination in self.combinations]
         return data_frame({"combination": names, "std": self.chosen.std, "random_std": random})
 
@@ -282,6 +281,19 @@ class Excitation(Result):
         Standard deviations are shares of the prior's. Limits that the model does not state are null.
         """
         bounds, settings, motion = self.experiment.bounds, self.settings, self.chosen.motion
+        low, high, velocity, acceleration, torque = (values.tolist() for values in self.extremes.values())
+        joints = {
+            joint: {
+                "position": [low[k], high[k]],
+                "position_bounds": [float(bounds.lower[k]), float(bounds.upper[k])],
+                "velocity": velocity[k],
+                "velocity_bound": finite_or_none(bounds.velocity[k]),
+                "acceleration": acceleration[k],
+                "torque": torque[k],
+                "torque_bound": finite_or_none(bounds.effort[k]),
+            }
+            for k, joint in enumerate(bounds.joints)
+        }
         arrays = ("rest", "origins", "amplitudes", "frequencies", "phases", "starts")
         return {
             "robot": bounds.robot.name,
@@ -292,8 +304,8 @@ class Excitation(Result):
             "seed": settings.seed,
             "stand_height": settings.stand_height,
             "torque_noise": dict(zip(bounds.joints, self.experiment.noise.tolist(), strict=True)),
-            "joints": {joint: self._extremes(k) for k, joint in enumerate(bounds.joints)},
-            "least_distance": finite_or_none(self.peaks.distance),
+            "joints": joints,
+            "least_distance": finite_or_none(self.least_distance),
             "motions": [
                 {"name": name, "gain": a.gain, "rank": a.rank, "rigid_rank": a.rigid_rank}
                 for name, a in self.motions.items()
@@ -302,7 +314,7 @@ class Excitation(Result):
                 {
                     "text": str(combination),
                     "std": float(self.chosen.std[k]),
-                    "random_std": float(np.median([draw.std[k] for draw in self.draws])) if self.draws else None,
+                    "random_std": None if self.ratios is None else float(self.ratios[k] * self.chosen.std[k]),
                     "ratio": None if self.ratios is None else float(self.ratios[k]),
                 }
                 for k, combination in enumerate(self.combinations)
@@ -313,19 +325,6 @@ class Excitation(Result):
             "sinusoids": {name: getattr(motion, name).tolist() for name in arrays} | {"fade": motion.fade},
             "notes": list(bounds.clearance.notes),
             "units": dict(_UNITS),
-        }
-
-    def _extremes(self, joint: int) -> dict[str, Any]:
-        """Extremes of a joint's motion, and its bounds."""
-        bounds, peaks = self.experiment.bounds, self.peaks
-        return {
-            "position": [float(peaks.lower[joint]), float(peaks.upper[joint])],
-            "position_bounds": [float(bounds.lower[joint]), float(bounds.upper[joint])],
-            "velocity": float(peaks.velocity[joint]),
-            "velocity_bound": finite_or_none(bounds.velocity[joint]),
-            "acceleration": float(peaks.acceleration[joint]),
-            "torque": float(peaks.torque[joint]),
-            "torque_bound": finite_or_none(bounds.effort[joint]),
         }
 
 
@@ -344,15 +343,3 @@ _UNITS = {
     "std": "of the prior's",
     "sinusoids": "rad, Hz, s",
 }
-
-
-@dataclass(frozen=True, eq=False)
-class Peaks:
-    """Extremes of a motion, (n,) each."""
-
-    lower: Array  # least position [rad]
-    upper: Array  # largest position [rad]
-    velocity: Array  # magnitude [rad/s]
-    acceleration: Array  # magnitude [rad/s²]
-    torque: Array  # magnitude, predicted by the prior model [N·m]
-    distance: float  # least distance to trunk, other legs, itself and the ground [m]; above 0.1 m a lower bound of it

@@ -31,7 +31,6 @@ import numpy as np
 from scipy.special import chdtr, chdtri, ndtr, stdtr
 
 from stadera.constants import EPOCH
-from stadera.errors import require_positive
 from stadera.fleet.table import FleetTable
 from stadera.types import Array
 
@@ -133,19 +132,6 @@ Kind = Literal["since", "once", "while"]
 """Kind of a stretch: to the end; one log; several logs."""
 
 
-@dataclass(frozen=True)
-class ScatterSettings:
-    """Settings for the scatter of a robot's logs, see the module's text; all dimensionless."""
-
-    fewest: int = 6  # number of logs needed to estimate a scatter
-    left_out: float = 0.1  # share of the differences of successive logs that is trimmed, the largest ones
-    worth: float = 0.45  # degrees of freedom of κ² for each difference, from simulation of normal errors
-    least: float = 1e-3  # lower limit of κ; logs that agree better are copies
-
-    def __post_init__(self) -> None:
-        require_positive("setting of a fleet's scatter", self, self.__dataclass_fields__)
-
-
 @dataclass(frozen=True, eq=False)
 class Departure:
     """A stretch of logs, the first to the last of a series, that departs from the others."""
@@ -182,16 +168,13 @@ class Departure:
         }
 
 
-def departures(
-    fleet: Sequence[FleetSeries], chance: float = 0.01, settings: ScatterSettings | None = None
-) -> list[Departure]:
+def departures(fleet: Sequence[FleetSeries], chance: float = 0.01) -> list[Departure]:
     """Detects departures in all series, the most significant first; `chance` is the probability of any report from an
     unchanged fleet.
     """
-    settings = settings or ScatterSettings()
     counts = [_stretches(len(series.value)) for series in fleet]
     looks: dict[Kind, int] = {kind: sum(count[kind] for count in counts) for kind in _stretches(0)}
-    found = (departure for series in fleet for departure in _searched(series, looks, chance, settings))
+    found = (departure for series in fleet for departure in _searched(series, looks, chance))
     return sorted(found, key=lambda departure: departure.chance)
 
 
@@ -200,16 +183,18 @@ def looks_at(fleet: Sequence[FleetSeries]) -> int:
     return len(_STATISTICS) * sum(map(sum, (_stretches(len(series.value)).values() for series in fleet)))
 
 
-def scatter(series: FleetSeries, settings: ScatterSettings | None = None) -> float:
-    """κ: scatter of the logs in units of their bars; NaN for too few logs."""
-    settings, value, std = settings or ScatterSettings(), series.value, series.std
-    if len(value) < settings.fewest:
+def scatter(series: FleetSeries, fewest: int = 6, trimmed: float = 0.1, least: float = 1e-3) -> float:
+    """κ: scatter of the logs in units of their bars [1], at least `least`, since logs that agree better are copies; NaN
+    for fewer logs than `fewest`. The share `trimmed` of the differences of successive logs is left out.
+    """
+    value, std = series.value, series.std
+    if len(value) < fewest:
         return np.nan
     squares = np.sort(np.diff(value) ** 2 / (std[1:] ** 2 + std[:-1] ** 2))
-    kept = len(squares) - max(2, ceil(settings.left_out * len(squares)))
+    kept = len(squares) - max(2, ceil(trimmed * len(squares)))
     share = kept / len(squares)
     usual = chdtr(3, chdtri(1, 1.0 - share)) / share  # mean of the smallest such share of squared normal numbers
-    return max(float(np.sqrt(squares[:kept].mean() / usual)), settings.least)
+    return max(float(np.sqrt(squares[:kept].mean() / usual)), least)
 
 
 def _stretches(count: int) -> dict[Kind, int]:
@@ -219,9 +204,10 @@ def _stretches(count: int) -> dict[Kind, int]:
 
 
 def _searched(
-    series: FleetSeries, looks: Mapping[Kind, int], chance: float, settings: ScatterSettings
+    series: FleetSeries, looks: Mapping[Kind, int], chance: float, worth: float = 0.45
 ) -> Iterator[Departure]:
-    kappa, freedom = scatter(series, settings), settings.worth * (len(series.value) - 1)
+    """`worth`: degrees of freedom of κ² for each difference, from simulation of normal errors [1]."""
+    kappa, freedom = scatter(series), worth * (len(series.value) - 1)
     wide = float(np.fmax(1.0, kappa))
     waiting = [(0, len(series.value))]
     while waiting:

@@ -88,7 +88,6 @@ def digest(path: Path) -> str:
 
 
 def _system(url: str) -> tuple[Any, str]:
-    """The file system of a URL, and the path in it."""
     try:
         from fsspec.core import url_to_fs  # type: ignore[import-untyped]
     except ImportError:
@@ -108,7 +107,7 @@ _CUSTOM = re.compile(r"^\s+" + KEY + r":\s*['\"]?([^'\"\s]+)['\"]?\s*$", re.MULT
 
 def robot_named_in(path: Path) -> str:
     """The robot's name, or its model file's path. Raises RecordingError: the log does not name it."""
-    named = _of_bag(path) if path.is_dir() else _of_table(path)
+    named = _named_in_metadata(path)
     if not named:
         raise RecordingError(
             f"{path}: which robot's log it is, its metadata do not say: name it by --robot, or in a manifest"
@@ -116,7 +115,11 @@ def robot_named_in(path: Path) -> str:
     return named
 
 
-def _of_table(path: Path) -> str | None:
+def _named_in_metadata(path: Path) -> str | None:
+    if path.is_dir():
+        listed = path / "metadata.yaml"
+        found = listed.is_file() and _CUSTOM.search(listed.read_text(encoding="utf-8").partition("custom_data:")[2])
+        return found[1] if found else None
     import pyarrow as pa
     from pyarrow import parquet
 
@@ -125,15 +128,6 @@ def _of_table(path: Path) -> str | None:
     except (pa.ArrowException, OSError, ValueError):
         return None
     return metadata.get(KEY.encode(), b"").decode() or None
-
-
-def _of_bag(path: Path) -> str | None:
-    listed = path / "metadata.yaml"
-    if not listed.is_file():
-        return None
-    _, _, custom = listed.read_text(encoding="utf-8").partition("custom_data:")
-    found = _CUSTOM.search(custom)
-    return found and found[1]
 
 
 COLUMNS = ("log", "robot", "tare", "legs", "name")
@@ -158,7 +152,7 @@ class FleetOptions:
     reading: Reading = AS_RECORDED
     force: bool = False
     fix: bool = False
-    pages: str | None = None  # folder for a page of each log, see `stadera.fleet.row.page_path`; None for no pages
+    pages: str | None = None  # folder for a page of each log, see `stadera.fleet.run.page_path`; None for no pages
 
     def __post_init__(self) -> None:
         check_choice(self.method, self.stiffness)
@@ -266,7 +260,6 @@ def _absolute(given: str, folder: Path | None = None) -> str:
 
 
 def _namer(names: str | None) -> Callable[[str], str | None]:
-    """Returns the function that extracts a robot's name from an address."""
     if names is None:
         return lambda address: None
     try:
@@ -286,7 +279,6 @@ def _namer(names: str | None) -> Callable[[str], str | None]:
 
 
 def _lines(path: Path) -> Iterator[tuple[int, dict[str, str]]]:
-    """Yields the number of each line and its non-empty cells."""
     require_input(path)
     with foreign(path, "not a CSV table"), path.open(encoding="utf-8-sig", newline="") as file:
         reader = csv.DictReader(file)

@@ -142,8 +142,7 @@ class _Fit:
 
 def _least_cost(information: Information) -> float:
     """min |R x - z|² + ρ², also if R is singular."""
-    solution = np.array(list(information.least_squares().values()))
-    return information.residual_squared(solution)
+    return information.residual_squared(np.array(list(information.least_squares().values())))
 
 
 def _trust(tasks: Sequence[LegTask], fits: Sequence[_Fit], settings: IdentifySettings) -> Trust:
@@ -181,7 +180,6 @@ def merge_fleet(table: FleetTable, jobs: Iterable[LogJob]) -> dict[str, MergedLe
 
 
 def _information(row: dict[str, Any]) -> Information:
-    """Converts a row of `LEGS`."""
     R, z = np.array(row["R"], dtype=float), np.array(row["z"], dtype=float)
     unknowns, n = Unknowns.scalars(row["columns"]), len(z)
     return Information(unknowns, R.reshape(n, n), z, np.zeros((n, 0)), row["cost"], row["count"])

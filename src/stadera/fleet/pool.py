@@ -178,7 +178,6 @@ def _gathered(client: Any, run: Callable[[Task], Found], tasks: Mapping[str, Tas
 
 @contextmanager
 def _client(pool: Pool) -> Iterator[Any]:
-    """A client of the pool's cluster; a local cluster lives as long as the client."""
     try:
         import dask
         import distributed
@@ -224,7 +223,6 @@ def _check_workers(client: Any, address: str, patience: float) -> None:
 
 
 def _version_here() -> str:
-    """The version of this package in the process that evaluates this."""
     return stadera.__version__
 
 

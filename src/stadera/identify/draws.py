@@ -22,11 +22,10 @@ from stadera.identify.solutions import Estimate, signed
 from stadera.inertia import PSEUDO_BASIS
 from stadera.types import Array
 
-_SWEEPS = 4  # steps of a chain from the estimate to its draw, per parameter
 
-
-def drawn(estimate: Estimate, count: int, rng: np.random.Generator) -> Array:
-    """Parameters of `count` legs, (count, n), in the estimate's order and units. Raises IdentificationError: the
+def drawn(estimate: Estimate, count: int, rng: np.random.Generator, sweeps: int = 4) -> Array:
+    """Parameters of `count` legs, (count, n), in the estimate's order and units, each by a chain of `sweeps` steps per
+    parameter from the estimate. Raises IdentificationError: the
     estimate itself is not possible, or `count` is not positive.
     """
     if count < 1:
@@ -41,7 +40,7 @@ def drawn(estimate: Estimate, count: int, rng: np.random.Generator) -> Array:
     begin = _inside(estimate, positive)
     u = np.tile(np.linalg.lstsq(root, begin - estimate.values)[0], (count, 1))
     values = np.tile(begin, (count, 1))
-    for _ in range(_SWEEPS * n):
+    for _ in range(sweeps * n):
         direction = rng.normal(size=(count, n))
         direction /= np.linalg.norm(direction, axis=1, keepdims=True)
         step = direction @ root.T

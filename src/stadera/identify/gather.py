@@ -9,23 +9,210 @@ independent.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import reduce
 from itertools import chain
 
 import numpy as np
 
-from stadera.body import Rows, TrunkMotion
+from stadera.body import JointMotion, Rows, TrunkMotion
+from stadera.constants import SATURATED
 from stadera.identify.job import Job, LegTask
 from stadera.identify.log import Part
-from stadera.identify.residuals import residual_noise, rows_of, speed
+from stadera.identify.result import TorqueTrace
 from stadera.identify.solutions import Estimate
 from stadera.identify.varying import varying_friction
 from stadera.information import Information
 from stadera.logs.filters import smooth_rows
 from stadera.logs.processing import Processed
 from stadera.types import Array
+
+TRACE_S, TRACE_SAMPLES = 60.0, 3000
+
+
+def rows_of(task: LegTask, chunk: Processed, trunk: TrunkMotion) -> Iterator[Rows]:
+    """Yields one set of rows for each joint of a leg, in N·m with unit noise."""
+    index = [chunk.joints.index(joint) for joint in task.leg.joints]
+    assert chunk.effort is not None
+    motion = JointMotion(chunk.position[:, index], chunk.velocity[:, index], chunk.acceleration[:, index])
+    return task.rows(motion, chunk.effort[:, index], trunk)
+
+
+def speed(task: LegTask, chunk: Processed) -> Array:
+    """Speed of a leg's fastest joint [rad/s], (samples,)."""
+    index = [chunk.joints.index(joint) for joint in task.leg.joints]
+    return np.asarray(np.abs(chunk.velocity[:, index]).max(axis=1))
+
+
+def predicted(rows: Rows, parameters: Mapping[str, float]) -> Array:
+    """Torque predicted from parameters, (samples,)."""
+    return rows.predict(np.array([parameters[c] for c in rows.columns]))
+
+
+def residual_noise(
+    chunks: Iterable[tuple[Rows, ...]],
+    joints: Sequence[str],
+    fits: Sequence[Mapping[str, float]],
+    ranks: Sequence[int],
+    correlated: int = 50_000,
+) -> tuple[dict[str, float], dict[str, float]]:
+    """Standard deviation of each joint's residuals [N·m], and how many rows count as one independent row.
+
+    `fits` are the parameters of each joint by name, `ranks` the number of directions in which they were fitted to the
+    same rows, which reduces the residuals. The correlation is estimated from the first `correlated` rows, see
+    `independent_rows`, for the residuals themselves and for each of the joint's own terms.
+    """
+    kept: list[list[Array]] = [[] for _ in joints]
+    own: list[list[Array]] = [[] for _ in joints]
+    count, squares, largest = 0, np.zeros(len(joints)), np.zeros(len(joints))
+    for every in chunks:
+        for k, rows in enumerate(every):
+            residual = rows.target - predicted(rows, fits[k])
+            squares[k] += residual @ residual
+            largest[k] = max(largest[k], np.abs(rows.target).max(initial=0.0))
+            if count < correlated:
+                kept[k].append(residual)
+                of_joint = [i for i, name in enumerate(rows.columns) if name.startswith(f"{joints[k]}.")]
+                mixed = rows.reduced if rows.mixing is None else rows.reduced @ rows.mixing
+                own[k].append(mixed[:, of_joint])
+        count += len(every[0])
+    std, worth = {}, {}
+    for k, joint in enumerate(joints):
+        floor = 1e-9 * max(largest[k], 1e-9)  # rounding error, for data without noise
+        std[joint] = max(float(np.sqrt(squares[k] / max(count - ranks[k], 1))), floor)
+        worth[joint] = independent_rows(np.concatenate(kept[k]), np.concatenate(own[k])) if kept[k] else 1.0
+    return std, worth
+
+
+def independent_rows(residual: Array, terms: Array) -> float:
+    """Number of rows that count as one independent row, for the residuals (n,) and the worst of the terms (n, k).
+
+    The least-squares error of the factor of a term x is Σ x r / Σ x², so its variance depends on the correlation of the
+    products s = x r, not of the residuals r: τ_s E[s²] / (E[x²] E[r²]) rows are worth one, with τ_s by
+    `correlation_length`. Residuals of a friction law that is not quite that of the drive follow the motion that excites
+    it, and are worth much less than their own correlation suggests: on the real Go2 and Aliengo in the air up to five
+    times less (heteroscedastic and autocorrelated errors: Newey and West 1987).
+    """
+    square, most = float(residual @ residual), correlation_length(residual)
+    for term in terms.T:
+        seen, scale = term * residual, float(term @ term) * square
+        if scale > 0.0:
+            most = max(most, correlation_length(seen) * len(seen) * float(seen @ seen) / scale)
+    return most
+
+
+def correlation_length(values: Array) -> float:
+    """Number of samples of a series that count as one independent sample: τ = 1 + 2 Σ_k ρ_k.
+
+    The autocorrelations ρ_k are summed in pairs while the pairs stay positive (Geyer 1992), since the tail of an
+    estimated autocorrelation is noise.
+    """
+    n = len(values)
+    centred = values - values.mean() if n else values
+    if n < 8 or not centred.any():
+        return 1.0
+    spectrum = np.fft.rfft(centred, 2 * n)
+    covariance = np.fft.irfft(np.abs(spectrum) ** 2)[:n]
+    pairs = (covariance[: n // 2 * 2] / covariance[0]).reshape(-1, 2).sum(axis=1)
+    negative = np.flatnonzero(pairs <= 0)
+    stop = int(negative[0]) if len(negative) else len(pairs)
+    return max(1.0, float(2.0 * pairs[:stop].sum() - 1.0))
+
+
+@dataclass(frozen=True, eq=False)
+class LegModels:
+    """Models of one leg to compare with data: parameters by model, and the torque limit by joint [N·m]."""
+
+    task: LegTask
+    parameters: Mapping[str, Mapping[str, float]]
+    limits: Mapping[str, float]
+
+
+@dataclass
+class LegScore:
+    """Residuals of one leg's models on one part."""
+
+    joints: tuple[str, ...]  # names
+    samples: int = 0  # number of moving samples
+    squares: dict[str, Array] = field(default_factory=dict)  # by model, sums of squared errors of each joint [N²·m²]
+    saturated: dict[str, int] = field(default_factory=dict)  # by joint, samples at the torque limit
+    # time, measured and predicted torques of the first minute, chunk by chunk, samples at rest included
+    kept: list[tuple[Array, Array, dict[str, Array]]] = field(default_factory=list)
+
+    @property
+    def rmse(self) -> dict[str, dict[str, float]]:
+        """RMSE by model and joint [N·m]."""
+        return {
+            model: dict(zip(self.joints, np.sqrt(s / max(self.samples, 1)).tolist(), strict=True))
+            for model, s in self.squares.items()
+        }
+
+    def outliers(self, beyond: float) -> dict[str, float]:
+        """By joint, the share of the first minute's samples whose error exceeds `beyond` times the RMSE."""
+        trace, rmse = self.trace(""), self.rmse["identified"]
+        error = np.abs(trace.measured - trace.predicted["identified"])
+        return {joint: float(np.mean(error[:, k] > beyond * rmse[joint])) for k, joint in enumerate(self.joints)}
+
+    def excess(self) -> dict[str, float]:
+        """By how many standard deviations the identified model's squared error exceeds that of CAD with friction in the
+        first minute, by joint, and of all joints together under the name "".
+
+        The mean of the differences x of squared errors has the variance var(x) τ / n, with τ samples of them worth one.
+        """
+        measured = np.concatenate([m for _, m, _ in self.kept])
+        found, cad = (np.concatenate([p[k] for _, _, p in self.kept]) for k in ("identified", "prior_friction"))
+        worse = (measured - found) ** 2 - (measured - cad) ** 2
+        series = {"": worse.sum(axis=1)} | dict(zip(self.joints, worse.T, strict=True))
+        stds = {k: float(x.std()) * np.sqrt(correlation_length(x) / len(x)) for k, x in series.items()}
+        return {name: float(x.mean()) / stds[name] if stds[name] > 0.0 else 0.0 for name, x in series.items()}
+
+    def trace(self, part: str) -> TorqueTrace:
+        """Torques over the first minute, thinned out."""
+        time = np.concatenate([t for t, _, _ in self.kept])
+        measured = np.concatenate([m for _, m, _ in self.kept])
+        models = {k: np.concatenate([p[k] for _, _, p in self.kept]) for k in self.squares}
+        every = max(1, -(-len(time) // TRACE_SAMPLES))
+        return TorqueTrace(part, time[::every], measured[::every], {k: v[::every] for k, v in models.items()})
+
+    def add(self, chunk: Processed, models: LegModels, trunk: TrunkMotion, drop_below: float) -> None:
+        """Evaluates the models on one more chunk."""
+        if not len(chunk):
+            return
+        rows = list(rows_of(models.task, chunk, trunk))
+        constant = list(rows_of(models.task.constant, chunk, trunk)) if models.task.varying else rows
+        measured = np.column_stack([r.target for r in rows])
+        guesses = {
+            name: np.column_stack([predicted(r, parameters) for r in (rows if name == "identified" else constant)])
+            for name, parameters in models.parameters.items()
+        }
+        moving = speed(models.task, chunk) >= drop_below
+        self.samples += int(np.count_nonzero(moving))
+        for name, guess in guesses.items():
+            self.squares[name] = self.squares.get(name, 0.0) + np.sum((measured - guess)[moving] ** 2, axis=0)
+        for k, joint in enumerate(self.joints):
+            at_limit = int(np.sum(np.abs(measured[:, k]) >= SATURATED * models.limits[joint]))
+            self.saturated[joint] = self.saturated.get(joint, 0) + at_limit
+        begun = self.kept[0][0][0] if self.kept else chunk.time[0]
+        early = chunk.time < begun + TRACE_S
+        if early.any():
+            self.kept.append((chunk.time[early], measured[early], {k: v[early] for k, v in guesses.items()}))
+
+
+def scored(
+    step: Callable[[int, int], None],
+    part: Iterable[Processed],
+    models: Sequence[LegModels],
+    trunk: TrunkMotion,
+    drop_below: float,
+) -> list[LegScore]:
+    """Evaluates each leg's models on a part. Samples with all joints slower than `drop_below` are skipped."""
+    scores = [LegScore(m.task.leg.joints) for m in models]
+    for done, chunk in enumerate(part):
+        for score, leg_models in zip(scores, models, strict=True):
+            score.add(chunk, leg_models, trunk, drop_below)
+        step(done + 1, 0)
+    return scores
 
 
 def smoothed_rows(
@@ -37,20 +224,15 @@ def smoothed_rows(
     None for no filter. Rows in which all joints are slower than `drop_below` [rad/s] are removed after filtering.
     """
     for stream in part.streams():
-        first = next(stream, None)
-        if first is None:
-            continue
-        chunks = chain([first], stream)
-        if cutoff_hz is None:
-            yield from (_plain(task, chunk, trunk, drop_below) for chunk in chunks)
-        else:
-            yield from _filtered(task, chunks, trunk, first.report.rate_hz, cutoff_hz, drop_below)
-
-
-def _plain(task: LegTask, chunk: Processed, trunk: TrunkMotion, drop_below: float) -> tuple[Array, tuple[Rows, ...]]:
-    moving = speed(task, chunk) >= drop_below
-    every = tuple(rows_of(task, chunk, trunk))
-    return chunk.time[moving], tuple(rows.replaced(rows.reduced[moving], rows.target[moving]) for rows in every)
+        for first in stream:  # the stream goes on inside
+            chunks = chain([first], stream)
+            if cutoff_hz is not None:
+                yield from _filtered(task, chunks, trunk, first.report.rate_hz, cutoff_hz, drop_below)
+                continue
+            for chunk in chunks:
+                moving = speed(task, chunk) >= drop_below
+                every = rows_of(task, chunk, trunk)
+                yield chunk.time[moving], tuple(r.replaced(r.reduced[moving], r.target[moving]) for r in every)
 
 
 def _filtered(
@@ -81,9 +263,6 @@ def _filtered(
                 for kind, start, stop in zip(kinds, edges[:-1], edges[1:], strict=True)
             ),
         )
-
-
-_PENDING = 8  # informations kept before they are merged
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,16 +343,16 @@ def _rows(job: Job, task: LegTask, training: Part) -> Iterator[tuple[Rows, ...]]
     return (rows for _, rows in smoothed_rows(task, training, job.trunk, job.rows_cutoff, job.drop_below))
 
 
-def _summed_up(chunks: Iterable[tuple[Rows, ...]], task: LegTask) -> tuple[Information, ...]:
-    """Sums up the information of each of a leg's joints."""
+def _summed_up(chunks: Iterable[tuple[Rows, ...]], task: LegTask, together: int = 8) -> tuple[Information, ...]:
+    """Sums up the information of each of a leg's joints, so many chunks at a time."""
     columns = task.columns
     pending: list[list[Information]] = [[Information.empty(columns)] for _ in task.leg.joints]
     for every in chunks:
         for waiting, rows in zip(pending, every, strict=True):
             waiting.append(Information.of([rows], columns))
-            if len(waiting) >= _PENDING:
-                waiting[:] = [_merged(waiting)]
-    return tuple(_merged(waiting) for waiting in pending)
+            if len(waiting) >= together:
+                waiting[:] = [reduce(Information.merge, waiting)]
+    return tuple(reduce(Information.merge, waiting) for waiting in pending)
 
 
 def _joint_terms(task: LegTask, by_joint: Sequence[Information]) -> dict[str, float]:
@@ -181,11 +360,6 @@ def _joint_terms(task: LegTask, by_joint: Sequence[Information]) -> dict[str, fl
     fitted: dict[str, float] = {}
     for information in by_joint:
         terms = information.fix(task.rigid | dict(task.fixed))
-        # the other joints' terms do not affect this one
-        heard = np.linalg.norm(terms.R, axis=0) > 0
+        heard = np.linalg.norm(terms.R, axis=0) > 0  # the other joints' terms do not affect this one
         fitted |= {c: v for (c, v), h in zip(terms.least_squares().items(), heard, strict=True) if h}
     return fitted
-
-
-def _merged(parts: Sequence[Information]) -> Information:
-    return reduce(Information.merge, parts)

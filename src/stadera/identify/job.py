@@ -11,10 +11,10 @@ import numpy as np
 from stadera.body import Body, FrictionModel, JointMotion, JointTorqueRegressor, Motion, Rows, TrunkMotion
 from stadera.constants import GRAVITY, SINGULAR
 from stadera.errors import RecordingError
-from stadera.identify.lag import TorqueLag, estimate_lag
+from stadera.identify.lag import estimate_lag
 from stadera.identify.log import Log, Part, Section, has_effort, head, time_span
 from stadera.identify.prior import Prior, PriorWidth, robot_prior
-from stadera.identify.settings import IdentifySettings, LagSettings
+from stadera.identify.settings import IdentifySettings
 from stadera.identify.varying import VaryingFriction, columns_of, with_varying
 from stadera.logs.filters import highest_cutoff, suggest_cutoff
 from stadera.logs.processing import Preprocessing, preprocess_stream
@@ -48,9 +48,11 @@ def vertical_of(recording: Recording, robot: Robot, up: tuple[float, float, floa
     return TrunkUp(mean, f"vertical from the IMU: trunk tilted by {tilt:.1f}°", turning)
 
 
-def carried_shares(recording: Recording, robot: Robot, up: Array, samples: int = 4000) -> dict[str, float]:
+def carried_shares(
+    recording: Recording, robot: Robot, up: tuple[float, float, float] | None, samples: int = 4000
+) -> dict[str, float]:
     """Mean upward force on each foot of a recorded leg as a share of the robot's weight, of postures in which the leg
-    is not near-singular; `up` (3,) is the vertical in trunk axes. A log of more than `samples` is thinned out.
+    is not near-singular; the vertical as of `vertical_of`. A log of more than `samples` is thinned out.
     """
     body, joints = Body.of(robot, others=False), robot.tree.joints
     thin = slice(None, None, -(-len(recording) // samples))
@@ -61,7 +63,8 @@ def carried_shares(recording: Recording, robot: Robot, up: Array, samples: int =
         position[:, columns], effort[:, columns] = (
             recording.channel(name, leg.joints)[thin] for name in ("position", "effort")
         )
-    vertical = up / np.linalg.norm(up)
+    vertical = vertical_of(recording, robot, up).up
+    vertical = vertical / np.linalg.norm(vertical)
     still, rest = np.zeros_like(position), np.zeros((len(position), 3))
     state = body.at(Motion(position, still, still, rest, rest, rest + GRAVITY * vertical, vertical))
     with np.errstate(invalid="ignore"):  # of legs so stretched that they feel nothing, left out below
@@ -146,7 +149,7 @@ class Job:
     @property
     def joints(self) -> tuple[str, ...]:
         """Joints of all legs, in the order of the processed signals."""
-        return tuple(joint for task in self.tasks for joint in task.leg.joints)
+        return joints_of(self.robot, [task.leg.name for task in self.tasks])
 
     @property
     def trunk(self) -> TrunkMotion:
@@ -166,8 +169,14 @@ def prepare(robot: Robot, logs: Sequence[Log], settings: IdentifySettings, progr
             samples.
         UnknownNameError: no such leg or joint.
     """
-    wanted = tuple(dict.fromkeys(robot.leg(name).name for name in settings.legs or (leg.name for leg in robot.legs)))
-    beginnings, legs = _beginnings(robot, logs, wanted, settings)
+    wanted = wanted_legs(robot, settings)
+    beginnings = [head(log, joints_of(robot, wanted)) for log in logs]
+    for beginning in beginnings:
+        _check_torques(beginning, robot, wanted)
+        _check_feet(beginning, robot, wanted, settings)
+    legs = (*wanted, *_supporting(robot, logs, wanted, settings))
+    if len(legs) > len(wanted):
+        beginnings = [head(log, joints_of(robot, legs)) for log in logs]
     tasks = tuple(LegTask.of(robot, robot.leg(name), settings) for name in legs)
     joints = joints_of(robot, legs)
     cutoff, rows_cutoff = _cutoffs(beginnings, joints, settings)
@@ -180,14 +189,13 @@ def prepare(robot: Robot, logs: Sequence[Log], settings: IdentifySettings, progr
         progress("estimating the torque lag", 1, 1)
     if rows_cutoff is not None:
         notes += (f"equations filtered at {rows_cutoff:g} Hz, thinned to twice that",)
-    preprocessing = Preprocessing(cutoff, effort_delay=lag)
     noise, size = torque_sizes(beginnings, joints, rows_cutoff)
     return Job(
         robot=robot,
         tasks=tasks,
         wanted=len(wanted),
         settings=settings,
-        preprocessing=preprocessing,
+        preprocessing=Preprocessing(cutoff, effort_delay=lag),
         rows_cutoff=rows_cutoff,
         drop_below=settings.signals.drop_below,
         vertical=vertical,
@@ -217,18 +225,9 @@ def torque_sizes(
     return dict(zip(joints, noise.tolist(), strict=True)), dict(zip(joints, size.tolist(), strict=True))
 
 
-def _beginnings(
-    robot: Robot, logs: Sequence[Log], wanted: tuple[str, ...], settings: IdentifySettings
-) -> tuple[list[Recording], tuple[str, ...]]:
-    """The checked first chunk of each log, and its legs: the requested ones, then those that inform on the drives."""
-    spikes = settings.signals.spikes
-    beginnings = [head(log, joints_of(robot, wanted), spikes) for log in logs]
-    for beginning in beginnings:
-        _check_torques(beginning, robot, wanted)
-        _check_feet(beginning, robot, wanted, settings)
-    supporting = _supporting(robot, logs, wanted, settings)
-    legs = (*wanted, *supporting)
-    return [head(log, joints_of(robot, legs), spikes) for log in logs] if supporting else beginnings, legs
+def wanted_legs(robot: Robot, settings: IdentifySettings) -> tuple[str, ...]:
+    """Names of the requested legs. Raises UnknownNameError: no such leg."""
+    return tuple(dict.fromkeys(robot.leg(name).name for name in settings.legs or [leg.name for leg in robot.legs]))
 
 
 def joints_of(robot: Robot, legs: Sequence[str]) -> tuple[str, ...]:
@@ -242,15 +241,13 @@ def _check_torques(beginning: Recording, robot: Robot, legs: Sequence[str]) -> N
         joints = robot.leg(name).joints
         moves = bool(np.ptp(beginning.channel("position", joints), axis=0).any())
         if moves and not beginning.channel("effort", joints).any():
-            listed = ", ".join(joints)
-            raise RecordingError(
-                f"{beginning.source}: the efforts of leg {name} ({listed}) are all zero: no torque was recorded"
-            )
+            what = f"the efforts of leg {name} ({', '.join(joints)}) are all zero"
+            raise RecordingError(f"{beginning.source}: {what}: no torque was recorded")
 
 
 def _check_feet(beginning: Recording, robot: Robot, legs: Sequence[str], settings: IdentifySettings) -> None:
     """Raises if a foot carries load, or if no leg of this robot in the air would have such torques."""
-    shares = carried_shares(beginning, robot, vertical_of(beginning, robot, settings.up).up)
+    shares = carried_shares(beginning, robot, settings.up)
     carrying = {name: shares[name] for name in legs if shares[name] > settings.most_carried}
     if carrying:
         feet = ", ".join(f"{name} {100 * share:.0f} %" for name, share in carrying.items())
@@ -264,10 +261,10 @@ def _check_feet(beginning: Recording, robot: Robot, legs: Sequence[str], setting
 
 def stands(log: Log, robot: Robot, wanted: Sequence[str], settings: IdentifySettings) -> bool:
     """True for a log with an IMU of a robot that is on its feet, on any of the wanted legs."""
-    beginning = head(log, joints_of(robot, wanted), settings.signals.spikes)
+    beginning = head(log, joints_of(robot, wanted))
     if beginning.imu is None:
         return False
-    shares = carried_shares(beginning, robot, vertical_of(beginning, robot, settings.up).up)
+    shares = carried_shares(beginning, robot, settings.up)
     return any(shares[name] > settings.most_carried for name in wanted)
 
 
@@ -278,25 +275,15 @@ def _supporting(robot: Robot, logs: Sequence[Log], wanted: Sequence[str], settin
     others = [leg for leg in robot.legs if leg.name not in wanted]
     found = [leg.name for leg in others if all(has_effort(log, leg.joints) for log in logs)]
     for log in logs if found else ():
-        beginning = head(log, joints_of(robot, found), settings.signals.spikes)
-        shares = carried_shares(beginning, robot, vertical_of(beginning, robot, settings.up).up)
+        beginning = head(log, joints_of(robot, found))
+        shares = carried_shares(beginning, robot, settings.up)
         found = [name for name in found if shares[name] <= settings.most_carried]
     return found
-
-
-def _lag_note(lag: TorqueLag, search: LagSettings) -> tuple[str, ...]:
-    if min(abs(lag.value - search.earliest), abs(lag.value - search.latest)) < search.step / 2:
-        return (f"torque lag at the end of the search, {1e3 * lag.value:.1f} ms: look at the stamps of the log",)
-    if not lag.value:
-        return ()
-    fall = 100 * (1 - lag.variance_ratio)
-    return (f"torque lag estimated at {1e3 * lag.value:.1f} ms; it lowers the residuals' variance by {fall:.0f} %",)
 
 
 def _cutoffs(
     beginnings: Sequence[Recording], joints: Sequence[str], settings: IdentifySettings
 ) -> tuple[float | None, float | None]:
-    """The cut-offs of signals and of rows [Hz]."""
     if settings.cutoff_hz is None:
         return None, None
     suggested = [c for c in (suggest_cutoff(r, joints) for r in beginnings) if c is not None]
@@ -320,27 +307,29 @@ def _estimated_lag(
     if cutoff is not None:
         cutoff = min(asked.signals.lag_cutoff, *(highest_cutoff(r) for r in recordings))
     joints = tuple(joint for task in tasks for joint in task.leg.joints)
-    settings = Preprocessing(cutoff)
-    stretches = [p for r in recordings for p in preprocess_stream([r], settings, joints) if len(p)]
+    stretches = [p for r in recordings for p in preprocess_stream([r], Preprocessing(cutoff), joints) if len(p)]
     search = asked.signals.lag
     lag = estimate_lag(stretches, [task.regressor for task in tasks], vertical.up, search)
-    return lag.value, _lag_note(lag, search)
+    found, fall = f"{1e3 * lag.value:.1f} ms", 100 * (1 - lag.variance_ratio)
+    if min(abs(lag.value - search.earliest), abs(lag.value - search.latest)) < search.step / 2:
+        return lag.value, (f"torque lag at the end of the search, {found}: look at the stamps of the log",)
+    note = f"torque lag estimated at {found}; it lowers the residuals' variance by {fall:.0f} %"
+    return lag.value, (note,) if lag.value else ()
 
 
 def parts_of(job: Job, logs: Sequence[Log], validation: Sequence[Log] | None) -> tuple[Part, Part | None, str | None]:
     """The training part, the validation part, and a description of the latter."""
     make = partial(Part, joints=job.joints, settings=job.preprocessing)
-    section = partial(Section, spikes=job.settings.signals.spikes)
     if validation is not None:
         names = ", ".join(dict.fromkeys(log.source for log in validation))
-        return make([section(log) for log in logs]), make([section(log) for log in validation]), names
+        return make([Section(log) for log in logs]), make([Section(log) for log in validation]), names
     if job.settings.split == 1.0:
-        return make([section(log) for log in logs]), None, None
+        return make([Section(log) for log in logs]), None, None
     first, rest = [], []
     for log in logs:
         start, stop = time_span(log, job.joints)
         middle = start + job.settings.split * (stop - start)
-        first.append(section(log, stop=middle))
-        rest.append(section(log, start=middle))
+        first.append(Section(log, stop=middle))
+        rest.append(Section(log, start=middle))
     whole = "the log" if len(logs) == 1 else "each log"
     return make(first), make(rest), f"the last {100 * (1 - job.settings.split):.0f} % of {whole}"

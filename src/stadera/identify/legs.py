@@ -17,11 +17,19 @@ from stadera.body import JointMotion, TrunkMotion
 from stadera.checks import Guard
 from stadera.identify.agreement import Agreement
 from stadera.identify.floating import FloatingLog, floating_log
-from stadera.identify.gather import Gathered, gather, information_of, with_noise_of, with_varying_friction
-from stadera.identify.job import Job, LegTask, joints_of, parts_of, prepare, stands
+from stadera.identify.gather import (
+    Gathered,
+    LegModels,
+    LegScore,
+    gather,
+    information_of,
+    scored,
+    with_noise_of,
+    with_varying_friction,
+)
+from stadera.identify.job import Job, LegTask, joints_of, parts_of, prepare, stands, wanted_legs
 from stadera.identify.log import Part, Section, time_span
 from stadera.identify.observability import Combination, Observability, gradients_of, observability
-from stadera.identify.residuals import LegModels, LegScore, scored
 from stadera.identify.result import Identification, KnownCombination, LegIdentification, robot_with_legs, unit_of
 from stadera.identify.settings import IdentifySettings
 from stadera.identify.solutions import Estimate, solve_legs
@@ -68,22 +76,18 @@ def identify(
         ModelError: the model file cannot be read.
         UntrustedError: units or signs of a log are wrong, and `force` is false.
     """
-    fitted = as_logs(logs)
-    evaluated = None if validation is None else as_logs(validation)
-    model = robot if isinstance(robot, Robot) else load_robot(robot)
-    asked = settings or IdentifySettings()
-    joints = dict.fromkeys(joints_of(model, asked.legs or [leg.name for leg in model.legs]))
-    guard = Guard(model, tuple(joints), on_feet=False)
+    model = load_robot(robot)
+    asked, watch = settings or IdentifySettings(), progress or (lambda *_: None)
+    wanted = wanted_legs(model, asked)
+    guard = Guard(model, joints_of(model, wanted), on_feet=False)
     admitted = partial(guard.admitted, fix=fix, force=force)
-    fitted = tuple(map(admitted, fitted))
-    evaluated = evaluated and tuple(map(admitted, evaluated))
-    asked_legs = tuple(dict.fromkeys(model.leg(name).name for name in asked.legs or [leg.name for leg in model.legs]))
-    on_feet = tuple(log for log in fitted if stands(log, model, asked_legs, asked))
+    fitted = tuple(map(admitted, as_logs(logs)))
+    evaluated = None if validation is None else tuple(map(admitted, as_logs(validation)))
+    on_feet = tuple(log for log in fitted if stands(log, model, wanted, asked))
     forced = tuple(str(finding) for log in fitted for finding in guard.units(log)) if force else ()
-    watch = progress or (lambda *_: None)
     in_air = tuple(log for log in fitted if log not in on_feet)
     if not in_air:
-        return _from_feet(model, on_feet, asked_legs, asked, watch, forced)
+        return _from_feet(model, on_feet, wanted, asked, watch, forced)
     job = prepare(model, in_air, asked, watch)
     return _identified(replace(job, doubts=(*forced, *job.doubts)), in_air, on_feet, evaluated)
 
@@ -105,15 +109,12 @@ def _from_feet(
     agreement = _agreement(tasks, [log.source for log in floats], [], floats)
     estimates = solve_legs(posed, asked.method, asked.spread, asked.solver, progress)
     estimates = [_widened(found, agreement) for found in estimates]
+    ranks = [found.observability.rank for found, _ in estimates]
     legs = tuple(
-        LegIdentification(
-            task.leg, task.nominal, *found, structural_rank=found[0].observability.rank, information=information
-        )
-        for task, found, information in zip(tasks, estimates, told, strict=True)
+        LegIdentification(task.leg, task.nominal, *found, structural_rank=rank, information=information)
+        for task, found, rank, information in zip(tasks, estimates, ranks, told, strict=True)
     )
-    trust = floats[0].trust
-    for log in floats[1:]:
-        trust = _with_trust_of(trust, log)
+    trust = reduce(_with_trust_of, floats[1:], floats[0].trust)
     for doubt in doubts:
         trust = trust.at_most("doubtful", doubt)
     return Identification(
@@ -165,6 +166,8 @@ def _identified(
     """The passes over admitted logs of legs in the air, and of the robot on its feet, whose prior are the legs then."""
     training, held_back, validated_on = parts_of(job, fitted, evaluated)
     at_rest = not training.moves(job.drop_below)
+    slowest = f"{job.settings.signals.drop_below:g} rad/s"
+    still = [f"no sample moves (all joint velocities stay below {slowest}): samples at rest are used"] * at_rest
     if at_rest:
         job = replace(job, drop_below=0.0)
     job = with_varying_friction(job, training)
@@ -173,9 +176,7 @@ def _identified(
     estimates = _solve(job, gathered)
     floats: list[FloatingLog] = []
     if on_feet:
-        known = [
-            LegIdentification(task.leg, task.nominal, *found) for task, found in zip(job.tasks, estimates, strict=True)
-        ]
+        known = [LegIdentification(t.leg, t.nominal, *found) for t, found in zip(job.tasks, estimates, strict=True)]
         floats = [floating_log(robot_with_legs(job.robot, known), log, job.progress) for log in on_feet]
         estimates = _solve(job, gathered, floats)
     names, parts = _compared_parts(job, fitted, training, held_back)
@@ -185,6 +186,8 @@ def _identified(
     agreement = _agreement(job.tasks, [*names, *(log.source for log in floats)], told, floats)
     estimates = [_widened(found, agreement) for found in estimates]
     legs, samples = _scored_legs(job, gathered, estimates, training, held_back)
+    alike = "the drives of the legs are assumed alike: each joint's rotor inertia and friction draw on the other legs'"
+    pooled = [alike] * (job.settings.spread is not None and len(job.tasks) > 1)
     doubts = (*job.doubts, *log_warnings(job.vertical, legs, samples, job.settings.trust))
     return Identification(
         robot=job.robot,
@@ -194,9 +197,9 @@ def _identified(
         torque_lag=job.preprocessing.effort_delay,
         validated_on=validated_on if any("validation" in leg.rmse for leg in legs) else None,
         trust=reduce(_with_trust_of, floats, trust_in(job, gathered, [asked for asked, _ in estimates], doubts)),
-        notes=(*training.notes, job.vertical.note, *job.notes, *_pooling_note(job), *_feet_notes(floats)),
+        notes=(*training.notes, job.vertical.note, *job.notes, *pooled, *_feet_notes(floats)),
         trunk=_best_trunk(floats),
-        warnings=(*((_at_rest(job),) if at_rest else ()), *doubts, *(agreement.differs if agreement else ())),
+        warnings=(*still, *doubts, *(agreement.differs if agreement else ())),
         agreement=agreement,
     )
 
@@ -250,11 +253,6 @@ def _widened(found: tuple[Estimate, Estimate], agreement: Agreement | None) -> t
     return first, second
 
 
-def _at_rest(job: Job) -> str:
-    slowest = job.settings.signals.drop_below
-    return f"no sample moves (all joint velocities stay below {slowest:g} rad/s): samples at rest are used"
-
-
 def _scored_legs(
     job: Job,
     gathered: Sequence[Gathered],
@@ -278,7 +276,6 @@ def _scored_legs(
 def _solve(
     job: Job, gathered: Sequence[Gathered], floats: Sequence[FloatingLog] = ()
 ) -> list[tuple[Estimate, Estimate]]:
-    """For each leg the requested solution and the null-space solution."""
     legs = [
         (t.leg, _floating_information(t, floats, g.whitened(t.fixed)), t.prior)
         for t, g in zip(job.tasks, gathered, strict=True)
@@ -286,24 +283,13 @@ def _solve(
     return solve_legs(legs, job.settings.method, job.settings.spread, job.settings.solver, job.progress)
 
 
-def _pooling_note(job: Job) -> tuple[str, ...]:
-    if job.settings.spread is None or len(job.tasks) < 2:
-        return ()
-    return (
-        "the drives of the legs are assumed alike: each joint's rotor inertia and friction draw on the other legs'",
-    )
-
-
 def _models(job: Job, task: LegTask, data: Gathered, estimate: Estimate) -> LegModels:
-    return LegModels(
-        task=task,
-        parameters={
-            "prior": task.nominal,
-            "prior_friction": dict(task.nominal) | dict(data.friction_only),
-            "identified": dict(task.fixed) | estimate.by_name(),
-        },
-        limits={joint: job.robot.limits[joint].effort for joint in task.leg.joints},
-    )
+    parameters = {
+        "prior": task.nominal,
+        "prior_friction": dict(task.nominal) | dict(data.friction_only),
+        "identified": dict(task.fixed) | estimate.by_name(),
+    }
+    return LegModels(task, parameters, {joint: job.robot.limits[joint].effort for joint in task.leg.joints})
 
 
 def _leg_result(

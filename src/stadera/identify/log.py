@@ -8,35 +8,20 @@ from itertools import chain
 
 import numpy as np
 
-from stadera.errors import IdentificationError, RecordingError, require_positive
+from stadera.errors import RecordingError
 from stadera.logs.processing import Preprocessing, Processed, preprocess_stream
 from stadera.logs.reader import stream
 from stadera.logs.recording import Recording, take
 from stadera.logs.topics import LogFile
 
 
-@dataclass(frozen=True)
-class SpikeSettings:
-    """Settings that define which samples are spikes."""
-
-    usual: float = 0.99  # quantile of a signal's steps between samples that defines its usual step [1]
-    # distance from the median of three samples, in usual steps [1]; of white Gaussian noise 3 are eleven standard
-    # deviations
-    wild: float = 3.0
-
-    def __post_init__(self) -> None:
-        require_positive("spike setting", self, ("usual", "wild"))
-        if self.usual > 1.0:
-            raise IdentificationError(f"spike setting 'usual' is a quantile, at most 1, got {self.usual}")
-
-
-def without_spikes(recording: Recording, settings: SpikeSettings | None = None) -> Recording:
+def without_spikes(recording: Recording, usual: float = 0.99, wild: float = 3.0) -> Recording:
     """Replaces each outlier in the joint signals by the median of itself and its neighbours, and notes their number.
 
-    An outlier is further from that median than its signal ever changes between two samples. A step equals its own
+    An outlier is further from that median than its signal ever changes between two samples: than `wild` times the
+    quantile `usual` of its steps. Of white Gaussian noise 3 are eleven standard deviations. A step equals its own
     median, so it is not an outlier.
     """
-    settings = settings or SpikeSettings()
     changed, count = {}, 0
     for channel in ("position", "velocity", "effort"):
         values = getattr(recording, channel)
@@ -44,10 +29,10 @@ def without_spikes(recording: Recording, settings: SpikeSettings | None = None) 
             continue
         median = values.copy()
         median[1:-1] = np.median([values[:-2], values[1:-1], values[2:]], axis=0)
-        usual = np.quantile(np.abs(np.diff(values, axis=0)), settings.usual, axis=0)
-        wild = np.abs(values - median) > settings.wild * usual
-        if wild.any():
-            changed[channel], count = np.where(wild, median, values), count + int(wild.sum())
+        step = np.quantile(np.abs(np.diff(values, axis=0)), usual, axis=0)
+        outlier = np.abs(values - median) > wild * step
+        if outlier.any():
+            changed[channel], count = np.where(outlier, median, values), count + int(outlier.sum())
     if not count:
         return recording
     note = f"replaced {count} wild value{'s' * (count > 1)} of {', '.join(changed)}"
@@ -61,14 +46,14 @@ KEEP_SAMPLES = 500_000
 """Largest number of processed samples of a part that are kept in memory between passes."""
 
 
-def chunks(log: Log, joints: Sequence[str], spikes: SpikeSettings | None = None) -> Iterator[Recording]:
+def chunks(log: Log, joints: Sequence[str]) -> Iterator[Recording]:
     """The log's samples in order, with positions and efforts of these joints, outliers replaced."""
-    return (without_spikes(chunk, spikes) for chunk in stream(log, joints=joints, require=("effort",)))
+    return (without_spikes(chunk) for chunk in stream(log, joints=joints, require=("effort",)))
 
 
-def head(log: Log, joints: Sequence[str], spikes: SpikeSettings | None = None) -> Recording:
+def head(log: Log, joints: Sequence[str]) -> Recording:
     """The log's first chunk; RecordingError for an empty log."""
-    for chunk in chunks(log, joints, spikes):
+    for chunk in chunks(log, joints):
         return chunk
     raise RecordingError(f"{log.source}: too few samples: none")
 
@@ -96,11 +81,10 @@ class Section:
     log: Log
     start: float = -np.inf
     stop: float = np.inf
-    spikes: SpikeSettings | None = None
 
     def recordings(self, joints: Sequence[str]) -> Iterator[Recording]:
         """Yields its samples, chunk by chunk."""
-        for chunk in chunks(self.log, joints, self.spikes):
+        for chunk in chunks(self.log, joints):
             first, last = np.searchsorted(chunk.time, (self.start, self.stop))
             if first < last:
                 yield chunk if last - first == len(chunk) else take(chunk, slice(int(first), int(last)))
@@ -152,20 +136,11 @@ class Part:
         for chunk in preprocess_stream(stretch.recordings(self.joints), self.settings, self.joints):
             if not len(chunk) and not chunk.notes:
                 continue
-            whole = replace(chunk, effort=_present(chunk))
-            samples += len(whole)
-            notes |= dict.fromkeys(whole.notes)
+            samples += len(chunk)
+            notes |= dict.fromkeys(chunk.notes)
             if kept is not None:
-                kept = [*kept, whole] if samples <= KEEP_SAMPLES else None
-            yield whole
+                kept = [*kept, chunk] if samples <= KEEP_SAMPLES else None
+            yield chunk
         self._notes[stretch] = tuple(notes)
         if kept is not None:
             self._kept[stretch] = tuple(kept)
-
-
-def _present(processed: Processed) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
-    if processed.effort is None:
-        raise RecordingError(
-            f"{processed.source}: no joint effort is recorded; torques are what legs are identified by"
-        )
-    return processed.effort

@@ -15,28 +15,14 @@ For data without noise these are the algebraic rank and row space of the regress
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
 
-from stadera.errors import require_positive
 from stadera.identify.prior import Prior
 from stadera.information import Information
 from stadera.types import Array
-
-
-@dataclass(frozen=True)
-class VerdictLimits:
-    """Limits for the observability of a parameter, all dimensionless."""
-
-    flat: float = 1e4  # prior widths that stand for "no prior"
-    firm: float = 0.1  # largest standard deviation without prior, in prior widths, of an observable parameter
-    # change of the data by the parameter's whole prior width, in units of their noise, up to which it is unobservable
-    silent: float = 1.0
-
-    def __post_init__(self) -> None:
-        require_positive("limit of a verdict", self, self.__dataclass_fields__)
 
 
 class Identifiability(StrEnum):
@@ -84,7 +70,6 @@ class Observability:
     singular_values: Array  # (n,) of W, descending, dimensionless
     directions: Array  # (n, n), the rows v_k
     left: Array  # (n, n), the columns u_k
-    limits: VerdictLimits = field(default_factory=VerdictLimits)  # of the verdicts
 
     @property
     def rank(self) -> int:
@@ -101,15 +86,24 @@ class Observability:
         s = np.where(self.singular_values > 1e-6 * self._floor, self.singular_values, 0.0)
         return np.asarray(np.sqrt(np.sum(g**2 / (s**2 + prior**-2), axis=1)))
 
-    def verdicts(self, gradients: Array | None = None) -> tuple[Identifiability, ...]:
-        """The verdict on each parameter, or on each quantity whose gradient (k, n) is given."""
+    def verdicts(
+        self, gradients: Array | None = None, flat: float = 1e4, firm: float = 0.1, silent: float = 1.0
+    ) -> tuple[Identifiability, ...]:
+        """The verdict on each parameter, or on each quantity whose gradient (k, n) is given.
+
+        Args:
+            flat: prior widths that stand for "no prior" [1].
+            firm: largest standard deviation without prior, in prior widths, of an observable parameter [1].
+            silent: change of the data by the parameter's whole prior width, in units of their noise, up to which it
+                is unobservable [1].
+        """
         g = self._in_widths(gradients)
-        firm = self.std(gradients, prior=self.limits.flat) <= self.limits.firm * np.linalg.norm(g, axis=1)
+        known = self.std(gradients, prior=flat) <= firm * np.linalg.norm(g, axis=1)
         influence = np.linalg.norm(self.singular_values[:, None] * self.directions, axis=0)
-        heard = ((influence > max(self.limits.silent, 1e-6 * self._floor)) & (g != 0)).any(axis=1)
+        heard = ((influence > max(silent, 1e-6 * self._floor)) & (g != 0)).any(axis=1)
         return tuple(
             Identifiability.OBSERVABLE if f else Identifiability.PARTIAL if h else Identifiability.UNOBSERVABLE
-            for f, h in zip(firm & heard, heard, strict=True)
+            for f, h in zip(known & heard, heard, strict=True)
         )
 
     def _in_widths(self, gradients: Array | None) -> Array:
@@ -132,11 +126,11 @@ class Observability:
         return tuple(sorted(out, key=lambda c: self.columns.index(c.terms[0][0])))
 
 
-def observability(information: Information, prior: Prior, limits: VerdictLimits | None = None) -> Observability:
+def observability(information: Information, prior: Prior) -> Observability:
     """Compares the information of rows, in units of their true noise, with the prior on its columns."""
     data = information if information.names == prior.columns else information.marginal(prior.columns)
     U, s, Vt = np.linalg.svd(data.R * prior.scales)
-    return Observability(prior.columns, prior.scales, s, Vt, U, limits or VerdictLimits())
+    return Observability(prior.columns, prior.scales, s, Vt, U)
 
 
 def _echelon(rows: Array, preference: Array) -> tuple[Array, list[int]]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from os import PathLike
@@ -290,7 +290,12 @@ class Identification(Result):
 
     def friction_notes(self) -> tuple[str, ...]:
         """How friction varies, which no format of models can hold; one sentence for each joint where it does."""
-        return tuple(note for leg in self.legs for note in _friction_notes(leg))
+        notes = []
+        for joint, law, parameters in ((j, law, leg.parameters) for leg in self.legs for j, law in leg.varying.items()):
+            found = {name: parameters.get(f"{joint}.{name}") for name in (*VARYING_UNITS, "presliding")}
+            values = ", ".join(f"{n} {q.value:.4g} +- {q.std or 0.0:.2g} {q.unit}" for n, q in found.items() if q)
+            notes.append(f"Friction of {joint} {law.words}, for which this format has no place: {values}.")
+        return tuple(notes)
 
     def unmeasured(self) -> tuple[str, ...]:
         """Which values the logs do not measure, one sentence for each leg."""
@@ -323,37 +328,19 @@ def robot_with_legs(robot: Robot, legs: Iterable[LegIdentification]) -> Robot:
         for joint in leg.leg.joints:
             terms = {t: found[f"{joint}.{t}"] for t in JointDynamics.__dataclass_fields__ if f"{joint}.{t}" in found}
             dynamics[joint] = replace(dynamics[joint], **terms)
-            std[joint] = _std(leg, joint)
+            known = {t: leg.parameters.get(f"{joint}.{t}") for t in JointDynamics.__dataclass_fields__}
+            stds = {t: np.nan if q is None or q.is_held or q.std is None else q.std for t, q in known.items()}
+            std[joint] = JointDynamics(**stds)
     return replace(robot, inertias=inertias, dynamics=dynamics, dynamics_std=std)
 
 
-def _friction_notes(leg: LegIdentification) -> Iterator[str]:
-    for joint, law in leg.varying.items():
-        found = {name: leg.parameters.get(f"{joint}.{name}") for name in (*VARYING_UNITS, "presliding")}
-        values = ", ".join(f"{n} {q.value:.4g} +- {q.std or 0.0:.2g} {q.unit}" for n, q in found.items() if q)
-        yield f"Friction of {joint} {law.words}, for which this format has no place: {values}."
-
-
 def _unmeasured(leg: LegIdentification) -> str:
-    held = {
-        owner: [
-            name.removeprefix(f"{owner}.")
-            for name, q in leg.parameters.items()
-            if name.startswith(f"{owner}.") and q.is_held
-        ]
-        for owner in (*leg.leg.links, *leg.leg.joints)
-    }
-    listed = "; ".join(f"{owner} {', '.join(names)}" for owner, names in held.items() if names)
-    return (
-        listed and f"Not measured, the model's as far as physical consistency with what was measured allows: {listed}."
-    )
-
-
-def _std(leg: LegIdentification, joint: str) -> JointDynamics:
-    """Standard deviations of a joint's terms; NaN where the data do not determine one."""
-    found = {term: leg.parameters.get(f"{joint}.{term}") for term in JointDynamics.__dataclass_fields__}
-    known = {term: None if q is None or q.is_held else q.std for term, q in found.items()}
-    return JointDynamics(**{term: np.nan if std is None else std for term, std in known.items()})
+    held: dict[str, list[str]] = {}
+    for owner, _, term in (name.rpartition(".") for name, quantity in leg.parameters.items() if quantity.is_held):
+        held.setdefault(owner, []).append(term)
+    listed = "; ".join(f"{owner} {', '.join(terms)}" for owner, terms in held.items())
+    why = "Not measured, the model's as far as physical consistency with what was measured allows"
+    return listed and f"{why}: {listed}."
 
 
 _UNITS = dict(zip(ORDER, UNITS, strict=True)) | FRICTION_UNITS | VARYING_UNITS

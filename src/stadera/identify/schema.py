@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from stadera.boundary import foreign, require_input
 from stadera.errors import ModelError, UntrustedError
@@ -25,6 +24,7 @@ from stadera.identify.result import Identification, LegIdentification, Quantity
 from stadera.inertia import ORDER, InertialParameters
 from stadera.results import data_frame
 from stadera.robot.model import JointDynamics, Robot
+from stadera.trunk.result import TrunkParameters
 
 _INERTIA = tuple(name.removeprefix("I") for name in ORDER[4:])
 _READ = ("armature", "viscous", "coulomb", "offset")
@@ -51,14 +51,18 @@ def identification_dict(result: Identification) -> dict[str, Any]:
         "trust": result.trust.to_dict(),
         "links": links_dict(result.legs, mark),
         "joints": joints_dict(result.legs, mark),
-        "cad_friction": {joint: _cad_friction(leg, joint) for leg in result.legs for joint in leg.leg.joints},
+        "cad_friction": {
+            joint: {t: leg.friction_only[f"{joint}.{t}"] for t in _READ if f"{joint}.{t}" in leg.friction_only}
+            for leg in result.legs
+            for joint in leg.leg.joints
+        },
         "rank": result.rank,
         "parameters": result.parameters,
         "physical": result.is_physical,
         "rmse": _rmse(result),
         "legs": {leg.leg.name: _leg(leg) for leg in result.legs},
         "agreement": None if result.agreement is None else result.agreement.to_dict(),
-        "trunk": None if result.trunk is None else _trunk(result) | mark,
+        "trunk": result.trunk and _trunk(result.robot, result.trunk) | mark,
         "torque_lag": result.torque_lag,
         "validated_on": result.validated_on,
         "notes": list(result.notes),
@@ -101,11 +105,20 @@ def with_identified_legs(robot: Robot, path: str | PathLike[str], force: bool = 
     with foreign(path, "not the JSON of an identification or a weighing (--json)", ModelError):
         value = json.loads(path.read_text(encoding="utf-8"))
         links = {name: _body(entry) for name, entry in value["links"].items()}
-        joints = {name: _known(entry) for name, entry in value["joints"].items()}
-        std = {name: _std(entry) for name, entry in value["joints"].items()}
+        joints = {
+            name: {t: _number(entry[t]) if t == "offset" else max(_number(entry[t]), 0.0) for t in _READ if t in entry}
+            for name, entry in value["joints"].items()
+        }
+        stds = {name: {t: entry.get(t, {}).get("std") for t in _READ} for name, entry in value["joints"].items()}
+        std = {
+            name: JointDynamics(**{t: nan if s is None else float(s) for t, s in terms.items()})
+            for name, terms in stds.items()
+        }
         if isinstance(trunk := value.get("trunk"), dict) and "name" in trunk:
             links[trunk["name"]] = _body(trunk)
-        distrust = _distrust(value.get("trust"))
+        trust = value.get("trust")
+        bad = trust is not None and trust["verdict"] == "bad"
+        distrust = str(next(iter(trust["reasons"]), "its fit is bad")) if bad else ""
     if distrust and not force:
         raise UntrustedError(
             f"{path}: legs not to be trusted ({distrust}); identify anew; `--force` takes them, the result is doubtful"
@@ -124,21 +137,20 @@ def with_identified_legs(robot: Robot, path: str | PathLike[str], force: bool = 
 
 def links_dict(legs: Sequence[LegIdentification], mark: dict[str, bool]) -> dict[str, Any]:
     """Mass, centre of mass and inertia by link; `mark` is added to every value."""
-    return {link: _link(leg, link, mark) for leg in legs for link in leg.leg.links}
+    return {
+        link: {
+            "mass": _quantity(leg.parameters[f"{link}.m"]) | mark,
+            "com": [_quantity(q) | mark for q in leg.coms[link]],
+            "inertia": {name: _quantity(leg.parameters[f"{link}.I{name}"]) | mark for name in _INERTIA},
+        }
+        for leg in legs
+        for link in leg.leg.links
+    }
 
 
 def joints_dict(legs: Sequence[LegIdentification], mark: dict[str, bool]) -> dict[str, Any]:
     """Terms by joint; `mark` is added to every value."""
     return {joint: _joint(leg, joint, mark) for leg in legs for joint in leg.leg.joints}
-
-
-def _link(leg: LegIdentification, link: str, mark: dict[str, bool]) -> dict[str, Any]:
-    found = leg.parameters
-    return {
-        "mass": _quantity(found[f"{link}.m"]) | mark,
-        "com": [_quantity(q) | mark for q in leg.coms[link]],
-        "inertia": {name: _quantity(found[f"{link}.I{name}"]) | mark for name in _INERTIA},
-    }
 
 
 def _joint(leg: LegIdentification, joint: str, mark: dict[str, bool]) -> dict[str, Any]:
@@ -147,12 +159,6 @@ def _joint(leg: LegIdentification, joint: str, mark: dict[str, bool]) -> dict[st
     centres = leg.varying[joint].centres if joint in leg.varying else {}
     centred = {name: {"centre": centre} for name, centre in centres.items()}
     return {name: _quantity(q) | centred.get(name, {}) | mark for name, q in found.items()}
-
-
-def _cad_friction(leg: LegIdentification, joint: str) -> dict[str, float]:
-    """Joint terms that fit best with the links at the model's values; empty without legs in the air."""
-    found = {term: leg.friction_only.get(f"{joint}.{term}") for term in _READ}
-    return {term: value for term, value in found.items() if value is not None}
 
 
 def _quantity(quantity: Quantity) -> dict[str, Any]:
@@ -176,27 +182,19 @@ def _leg(leg: LegIdentification) -> dict[str, Any]:
     }
 
 
-def _trunk(result: Identification) -> dict[str, Any]:
-    """The trunk, as a link; its inertia is observed as a whole."""
-    trunk, prior = result.trunk, result.robot.inertias[result.robot.trunk]
-    assert trunk is not None
-
-    def quantities(before: ArrayLike, values: ArrayLike, stds: ArrayLike) -> list[dict[str, Any]]:
-        rows = np.transpose([before, values, stds]).tolist()
-        seen, unseen = Identifiability.OBSERVABLE, Identifiability.UNOBSERVABLE
-        return [_quantity(Quantity(p, v, s, seen if isfinite(s) else unseen, "")) for p, v, s in rows]
-
-    found = trunk.inertial
-    return {
-        "name": result.robot.trunk,
-        "mass": quantities([prior.mass], [found.mass], [trunk.mass_std])[0],
-        "com": quantities(prior.com, found.com, trunk.com_std),
-        "inertia": dict(zip(_INERTIA, quantities(prior.vector[4:], found.vector[4:], trunk.inertia_std), strict=True)),
-    }
+def _trunk(robot: Robot, trunk: TrunkParameters) -> dict[str, Any]:
+    before, found = (np.array([b.mass, *b.com, *b.vector[4:]]) for b in (robot.inertias[robot.trunk], trunk.inertial))
+    stds = [trunk.mass_std, *trunk.com_std.tolist(), *trunk.inertia_std.tolist()]
+    seen, unseen = Identifiability.OBSERVABLE, Identifiability.UNOBSERVABLE
+    mass, x, y, z, *inertia = (
+        _quantity(Quantity(prior, value, std, seen if isfinite(std) else unseen, ""))
+        for prior, value, std in zip(before.tolist(), found.tolist(), stds, strict=True)
+    )
+    inertias = dict(zip(_INERTIA, inertia, strict=True))
+    return {"name": robot.trunk, "mass": mass, "com": [x, y, z], "inertia": inertias}
 
 
 def _rmse(result: Identification) -> dict[str, dict[str, dict[str, float]]]:
-    """RMSE by part, model and joint, over all legs [N·m]."""
     merged: dict[str, dict[str, dict[str, float]]] = {}
     for leg in result.legs:
         for part, models in leg.rmse.items():
@@ -212,24 +210,6 @@ def _body(entry: dict[str, Any]) -> InertialParameters:
     mass = _number(entry["mass"])
     moment = [mass * _number(component) for component in entry["com"]]
     return InertialParameters(np.array([mass, *moment, *(_number(entry["inertia"][name]) for name in _INERTIA)]))
-
-
-def _known(entry: dict[str, Any]) -> dict[str, float]:
-    found = {term: _number(entry[term]) for term in _READ if term in entry}
-    return {term: value if term == "offset" else max(value, 0.0) for term, value in found.items()}
-
-
-def _std(entry: dict[str, Any]) -> JointDynamics:
-    """Standard deviations of a joint's terms; NaN where the identification gives none."""
-    given = {term: entry.get(term, {}).get("std") for term in _READ}
-    return JointDynamics(**{term: nan if std is None else float(std) for term, std in given.items()})
-
-
-def _distrust(trust: dict[str, Any] | None) -> str:
-    """Why an identification is not to be trusted; empty if it is, or says nothing about it."""
-    if trust is None or trust["verdict"] != "bad":
-        return ""
-    return str(next(iter(trust["reasons"]), "its fit is bad"))
 
 
 def _number(entry: dict[str, Any]) -> float:

@@ -9,7 +9,6 @@ import numpy as np
 
 from stadera.body import FRICTION_TERMS, FrictionModel
 from stadera.errors import IdentificationError, UnknownNameError, require_positive
-from stadera.identify.log import SpikeSettings
 from stadera.identify.prior import PriorWidth
 from stadera.identify.solutions import KindSpread, SolverSettings
 from stadera.identify.varying import VaryingSettings
@@ -78,7 +77,6 @@ class SignalSettings:
     # the paper's limit [rad/s]; the velocity of a slower joint does not determine its friction
     drop_below: float = 0.01
     lag: LagSettings = field(default_factory=LagSettings)  # estimation of the torque lag
-    spikes: SpikeSettings = field(default_factory=SpikeSettings)  # detection of outliers, which are replaced
 
     def __post_init__(self) -> None:
         require_positive("signal setting", self, ("lowest_cutoff", "lag_cutoff", "any_part", "drop_below"))

@@ -9,13 +9,13 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stadera.errors import IdentificationError, require_positive
-from stadera.identify.observability import Identifiability, Observability, VerdictLimits, observability
+from stadera.identify.observability import Identifiability, Observability, observability
 from stadera.identify.prior import Prior
 from stadera.inertia import InertialParameters
 from stadera.information import Information
@@ -38,8 +38,6 @@ class SolverSettings:
     resolved: float = 1e-7  # ratio of weights that the solver resolves
     # share of the way to the model's values that moves a solution off the border of the consistent set
     inwards: float = 1e-4
-    # limits for observability; unobservable masses are fixed at CAD
-    verdicts: VerdictLimits = field(default_factory=VerdictLimits)
 
     def __post_init__(self) -> None:
         require_positive("solver setting", self, ("margin", "certain", "contradicted", "resolved", "inwards"))
@@ -90,7 +88,7 @@ def null_space_solution(information: Information, prior: Prior, settings: Solver
     influence on the data stay exactly at CAD.
     """
     data, settings = _on(prior, information), settings or SolverSettings()
-    seen = observability(data, prior, settings.verdicts)
+    seen = observability(data, prior)
     rank, directions = seen.rank, seen.directions
     gap = data.z - data.R @ prior.values
     x = directions[:rank].T @ ((seen.left[:, :rank].T @ gap) / seen.singular_values[:rank])
@@ -124,7 +122,7 @@ def consistent_solution(information: Information, prior: Prior, settings: Solver
         IdentificationError: the solver found no solution.
     """
     data, settings = _on(prior, information), settings or SolverSettings()
-    seen = observability(data, prior, settings.verdicts)
+    seen = observability(data, prior)
     verdicts = dict(zip(prior.columns, seen.verdicts(), strict=True))
     links = [link for link in prior.links if verdicts[f"{link}.m"] is not Identifiability.OBSERVABLE]
     held = [prior.mass_coordinates[link] for link in links]
@@ -180,7 +178,6 @@ def _constrained(
     found: list[Array] = []
 
     def add(candidate: Array | None) -> float:
-        """Adds a candidate and returns the least cost so far."""
         found.extend([] if candidate is None else [candidate])
         return min(map(cost, found), default=np.inf)
 

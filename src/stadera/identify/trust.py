@@ -20,9 +20,8 @@ import numpy as np
 from scipy.special import chdtri
 
 from stadera.constants import NOTHING
-from stadera.identify.gather import Gathered
+from stadera.identify.gather import Gathered, LegScore
 from stadera.identify.job import Job, LegTask, TrunkUp
-from stadera.identify.residuals import LegScore
 from stadera.identify.result import LegIdentification
 from stadera.identify.settings import TrustSettings
 from stadera.identify.solutions import Estimate
@@ -70,7 +69,6 @@ class _LegFit:
 
     @property
     def misfits(self) -> dict[str, float]:
-        """Misfit by joint."""
         return {joint: (self.data.noise[joint] / std) ** 2 for joint, std in self.stated.items()}
 
     def reversed(self, gain: float) -> Iterator[str]:
@@ -95,7 +93,6 @@ class _LegFit:
 
 
 def _stated(job: Job, task: LegTask, estimate: Estimate) -> dict[str, float]:
-    """Expected residual by joint, s [N·m]."""
     found, settings = dict(task.fixed) | estimate.by_name(), job.settings.trust
 
     def size(joint: str) -> float:
@@ -127,13 +124,16 @@ def _far(fits: Sequence[_LegFit], chance: float) -> Iterator[str]:
 
 def leg_warnings(result: LegIdentification, scores: Mapping[str, LegScore], limits: TrustSettings) -> LegIdentification:
     """Returns the result with its warnings."""
-    warnings = (
-        *_at_rest(scores),
-        *_excitation(result),
-        *_joint_terms(result),
-        *_data(result, scores["training"], limits),
-        *_prediction(result, scores.get("validation")),
+    at_rest = [
+        f"the leg does not move in the {part} part: no RMSE there" for part, s in scores.items() if not s.samples
+    ]
+    rank, possible = result.estimate.observability.rank, result.structural_rank
+    poor = (
+        f"poor excitation: the data determine {rank} of the {possible} combinations that a richer motion would; "
+        f"the others rest on the model's values"
     )
+    data, prediction = _data(result, scores["training"], limits), _prediction(result, scores.get("validation"))
+    warnings = (*at_rest, *([poor] if rank < possible else []), *_joint_terms(result), *data, *prediction)
     return replace(result, warnings=warnings)
 
 
@@ -141,34 +141,18 @@ def log_warnings(
     vertical: TrunkUp, legs: tuple[LegIdentification, ...], samples: int, limits: TrustSettings
 ) -> tuple[str, ...]:
     """Warnings that concern the whole log."""
-    warnings = []
-    if vertical.turning >= limits.turning:
-        warnings.append(
-            "the IMU shows a turning trunk: the trunk is assumed to be held, the results are not to be trusted"
-        )
-    if all(leg.estimate.observability.rank == 0 for leg in legs):
-        warnings.append("the motion excites nothing: every value is the model's own")
-    if samples < limits.fewest:
-        warnings.append(f"only {samples} moving samples")
-    return tuple(warnings)
+    turning = "the IMU shows a turning trunk: the trunk is assumed to be held, the results are not to be trusted"
+    warnings = {
+        turning: vertical.turning >= limits.turning,
+        "the motion excites nothing: every value is the model's own": all(
+            leg.estimate.observability.rank == 0 for leg in legs
+        ),
+        f"only {samples} moving samples": samples < limits.fewest,
+    }
+    return tuple(sentence for sentence, applies in warnings.items() if applies)
 
 
-def _at_rest(scores: Mapping[str, LegScore]) -> list[str]:
-    return [f"the leg does not move in the {part} part: no RMSE there" for part, s in scores.items() if not s.samples]
-
-
-def _excitation(result: LegIdentification) -> list[str]:
-    rank, possible = result.estimate.observability.rank, result.structural_rank
-    if rank >= possible:
-        return []
-    return [
-        f"poor excitation: the data determine {rank} of the {possible} combinations that a richer motion would; "
-        f"the others rest on the model's values"
-    ]
-
-
-def _joint_terms(result: LegIdentification) -> list[str]:
-    out = []
+def _joint_terms(result: LegIdentification) -> Iterator[str]:
     unconstrained = result.null_space.by_name()
     width = dict(zip(result.estimate.columns, result.estimate.prior.scales.tolist(), strict=True))
     for joint in result.leg.joints:
@@ -179,37 +163,30 @@ def _joint_terms(result: LegIdentification) -> list[str]:
                 continue
             word = {"armature": "rotor inertia"}.get(term, f"{term} friction")
             if result.estimate.method == "null-space":
-                out.append(f"{joint}: {word} came out negative ({value:.3g} {found.unit}), which no joint has")
+                yield f"{joint}: {word} came out negative ({value:.3g} {found.unit}), which no joint has"
             else:
-                out.append(
+                yield (
                     f"{joint}: without the physical constraint {word} would come out negative "
                     f"({value:.3g} {found.unit}); look for a torque lag or an unmodelled effect"
                 )
     if not result.estimate.is_physical:
-        out.append("the solution is not physically consistent: do not hand it to a controller or a simulator")
-    return out
+        yield "the solution is not physically consistent: do not hand it to a controller or a simulator"
 
 
-def _data(result: LegIdentification, score: LegScore, limits: TrustSettings) -> list[str]:
-    out = []
+def _data(result: LegIdentification, score: LegScore, limits: TrustSettings) -> Iterator[str]:
     if score.samples:
         far = {joint: share for joint, share in score.outliers(limits.outlier).items() if share > limits.outliers}
         if far:
             shares = ", ".join(f"{joint} {100 * share:.1f} %" for joint, share in far.items())
-            out.append(f"outliers, off by more than {limits.outlier:g} times the RMSE: {shares} of the samples")
+            yield f"outliers, off by more than {limits.outlier:g} times the RMSE: {shares} of the samples"
         still = np.ptp(score.trace("").measured, axis=0) == 0.0
-        out += [
-            f"{joint}: the recorded torque never changes; it determines nothing, whatever was found with it"
-            for joint, same in zip(result.leg.joints, still, strict=True)
-            if same
-        ]
-    for joint in result.leg.joints:
-        if score.saturated[joint]:
-            out.append(
-                f"{joint}: {score.saturated[joint]} samples at the torque limit; "
-                f"a saturated torque is not a measured one"
-            )
-    return out
+        for joint, same in zip(result.leg.joints, still, strict=True):
+            if same:
+                yield f"{joint}: the recorded torque never changes; it determines nothing, whatever was found with it"
+    for joint, count in score.saturated.items():
+        if count:
+            at = f"{count} sample{'' if count == 1 else 's'} at the torque limit"
+            yield f"{joint}: {at}; a saturated torque is not a measured one"
 
 
 def _prediction(result: LegIdentification, score: LegScore | None) -> list[str]:

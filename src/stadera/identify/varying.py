@@ -163,7 +163,6 @@ def varying_friction(
 def _blocks(
     chunks: Iterable[tuple[Array, tuple[Rows, ...]]], settings: VaryingSettings
 ) -> Iterator[tuple[Information, ...]]:
-    """Information of each joint's rows, by block."""
     waiting: list[tuple[Rows, ...]] = []
     last, yielded = None, 0
 
@@ -208,7 +207,6 @@ class _Evidence:
 
     @cached_property
     def whole(self) -> Information:
-        """All blocks."""
         return reduce(Information.merge, self.blocks)
 
     @cached_property
@@ -221,7 +219,6 @@ class _Evidence:
         ]
 
     def place(self, term: str, at: int = 0) -> int:
-        """Index of the column of a term with a state."""
         return self.whole.names.index(f"{self.joint}.{term}@{at}" if at else f"{self.joint}.{term}")
 
     def _columns(self, law: _Law) -> tuple[list[int], Array]:

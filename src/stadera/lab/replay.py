@@ -204,7 +204,7 @@ def replay(
     source = Guard(robot, joints, on_feet=False).admitted(source, fix=fix, force=force)
     whole = concatenate(list(chunks(source, joints)))
     up = vertical_of(whole, robot, None).up
-    shares = carried_shares(whole, robot, up)
+    shares = carried_shares(whole, robot, None)
     if any(share > asked.most_carried for share in shares.values()):
         raise RecordingError(f"{source.source}: feet carry a share of the robot's weight; legs in the air are replayed")
     cutoff = min(asked.cutoff_hz, 0.98 * highest_cutoff(whole))

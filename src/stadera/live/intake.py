@@ -49,7 +49,8 @@ class Intake:
     ) -> None:
         others = () if robot.extra is None else robot.extra.joints
         self._reading = replace(stamped(reading), others=others)
-        self._robot, self._asked, self._settings = robot, _slashed(topics or Topics()), settings or LiveSettings()
+        self._robot, self._settings, asked = robot, settings or LiveSettings(), topics or Topics()
+        self._asked = Topics(*(name if name is None else f"/{name.lstrip('/')}" for name in (asked.joint, asked.imu)))
         self.topics: Choice | None = None
         self.seen: dict[str, SeenTopic] = {}
         self.announced: Mapping[str, str] = {}
@@ -80,11 +81,15 @@ class Intake:
         if not self._publishers.accepts(arrival, sample.columns):
             self.lost["left out"] += 1
             self.notes[f"a second publisher on {arrival.topic} is left out"] = None
-        elif self._merging is None:
+        elif self._merging is None or self.topics is None:
             self._head.append((arrival, sample))
             self._begin()
-        else:
-            self._continue(sample, arrival.arrived)
+        elif sample.topic in (self.topics.joint, self.topics.imu):
+            steps = self.clock.steps
+            self._merge(sample, arrival.arrived, self._merging)
+            if self.clock.steps > steps:
+                self.notes["the clock of the stamps was set, or a publisher began anew"] = None
+                self._anew()
 
     def completed(self) -> Recording | None:
         """Samples completed since the last call; None if there are fewer than two."""
@@ -112,13 +117,11 @@ class Intake:
         silent = [name for name in chosen if now - self.seen[name].last > self._settings.silent]
         if silent:
             return tuple(f"messages of {name}, which have stopped" for name in silent)
-        return (self._unmerged(self._merging),) if now - self._progress > self._settings.silent else ()
-
-    def _unmerged(self, merging: Merging) -> str:
-        """What the messages that arrive lack to give samples."""
-        newest = max(track.newest for track in merging.tracks)
-        behind = [t.name for t in merging.tracks if newest - t.newest > 1e9 * self._settings.bags.patience]
-        return f"messages of {' and '.join(behind)}" if behind else "stamps that go on, and values in all messages"
+        if now - self._progress <= self._settings.silent:
+            return ()
+        newest = max(track.newest for track in self._merging.tracks)
+        behind = [t.name for t in self._merging.tracks if newest - t.newest > 1e9 * self._settings.bags.patience]
+        return (f"messages of {' and '.join(behind)}" if behind else "stamps that go on, and values in all messages",)
 
     @property
     def losses(self) -> dict[str, int]:
@@ -132,7 +135,6 @@ class Intake:
 
     # -- inside -----------------------------------------------------------------------------------------------
     def _wanted(self, topic: str, kind: str) -> bool:
-        """True if a topic may be the requested one."""
         asked = self._asked.imu if kind == IMU else self._asked.joint
         return asked in (None, topic)
 
@@ -147,7 +149,6 @@ class Intake:
             return None
 
     def _begin(self) -> None:
-        """Determines the layout, once there are enough messages."""
         if not _is_enough([arrival for arrival, _ in self._head], self._settings.head):
             del self._head[: -20 * self._settings.head]
             return
@@ -174,18 +175,14 @@ class Intake:
             raise RecordingError(f"topic {topics.imu} cannot be used as IMU: {start.imu_fault}")
         names, require = (TIME, *start.columns), ("velocity", "effort", "imu")
         self._layout = replace(layout(names, _SOURCE, joints, require, self._reading), imu_frame=start.imu_frame)
-        self._check_rate([int(sample.stamp[0]) for sample in head if sample.topic == topics.joint], topics.joint)
+        stamps = [int(sample.stamp[0]) for sample in head if sample.topic == topics.joint]
+        rate, least = 1e9 / max(float(np.median(np.diff(stamps))), 1.0), self._settings.least_rate
+        if rate < least / 1.02:
+            raise RecordingError(
+                f"{topics.joint}: {rate:.3g} messages a second, of which weighing in motion sees too little; "
+                f"{least:g} are needed"
+            )
         return Merging(start, topics.joint, topics.imu, self._layout.recorded, self._settings.bags)
-
-    def _continue(self, sample: Decoded, arrived: float) -> None:
-        assert self._merging is not None
-        assert self.topics is not None
-        if sample.topic in (self.topics.joint, self.topics.imu):
-            steps = self.clock.steps
-            self._merge(sample, arrived, self._merging)
-            if self.clock.steps > steps:
-                self.notes["the clock of the stamps was set, or a publisher began anew"] = None
-                self._anew()
 
     def _merge(self, sample: Decoded, arrived: float, merging: Merging) -> None:
         stamp = self.clock.at(sample.topic, int(sample.stamp[0]), arrived)
@@ -202,7 +199,6 @@ class Intake:
                 self._anew()
 
     def _anew(self, fault: str = "") -> None:
-        """Restarts the determination of the layout."""
         self._merging, self._fault, self._head = None, fault, []
 
     def _rows(self, merging: Merging) -> Array | None:
@@ -227,7 +223,7 @@ class Intake:
         if np.isnan(self._period):
             self._period = float(np.median(steps[1:]))
         usual = steps[steps < self._settings.silent]
-        if self.topics is not None and not self._numbered(self.topics.joint):
+        if self.topics is not None and not self.seen[self.topics.joint].numbered:
             lost = usual[usual > self._settings.lost * self._period]
             self.lost["network"] += int((np.round(lost / self._period) - 1).sum())
         ratio = float(np.median(usual)) / self._period if len(usual) else 1.0
@@ -236,17 +232,6 @@ class Intake:
         if self._slower > self._settings.head:
             self.notes["messages come at another rate than before"] = None
             self._anew()
-
-    def _numbered(self, topic: str | None) -> bool:
-        return topic is not None and bool(self.seen[topic].numbered)
-
-    def _check_rate(self, stamps: list[int], topic: str) -> None:
-        rate = 1e9 / max(float(np.median(np.diff(stamps))), 1.0)
-        if rate < self._settings.least_rate / 1.02:
-            raise RecordingError(
-                f"{topic}: {rate:.3g} messages a second, of which weighing in motion sees too little; "
-                f"{self._settings.least_rate:g} are needed"
-            )
 
     def _lacking(self) -> str:
         came = {seen.kind for name, seen in self.seen.items() if self._wanted(name, seen.kind)}
@@ -266,13 +251,7 @@ class Intake:
         return f"{what}{on}: no messages of {usual} yet; topics seen: {seen}"
 
 
-def _slashed(topics: Topics) -> Topics:
-    """Adds the leading slash of ROS names."""
-    return Topics(*(name if name is None else f"/{name.lstrip('/')}" for name in (topics.joint, topics.imu)))
-
-
 def _is_enough(head: Sequence[Arrival], fewest: int) -> bool:
-    """True if there are enough messages of one topic of joints, and of an IMU."""
     counts = Counter((arrival.topic, arrival.kind) for arrival in head)
     of_joints = [n for (_, kind), n in counts.items() if kind in JOINT_KINDS]
     has_imu = any(kind in LOW_STATES or (kind == IMU and n > 1) for (_, kind), n in counts.items())

@@ -95,7 +95,9 @@ class ZenohLink:
     ) -> None:
         self._put, self._ask, self._requests = put, ask, requests
         self.announced: dict[str, str] = {}
-        self._asked = {name.strip("/"): kind for name, kind in _asked_kinds(topics) if put is not None}
+        joints = LOW_STATES[0] if (topics.joint or "").lower().endswith("lowstate") else JOINT_STATE
+        asked = {topics.imu: IMU, topics.joint: joints} if put is not None else {}
+        self._asked = {name.strip("/"): kind for name, kind in asked.items() if name is not None}
         self._by_key: dict[str, Key] = {}
         self._to_subscribe: set[str] = set()
         self._subscribed: set[str] = set()
@@ -139,8 +141,7 @@ class ZenohLink:
         key = self._by_key.get(name) or self._by_key.setdefault(name, keys.read_key(name))
         if key.domain is not None and self._heard is None:
             self._heard = key
-        attached = sample.attachment
-        sent = None if attached is None else keys.read_attachment(attached.to_bytes())
+        sent = _sent(sample)
         received = sent.stamp if sent is not None else _stamp(sample)
         assert self._put is not None
         self._put(Arrival(key.topic, key.kind, received, sample.payload.to_bytes(), time.monotonic(), sent))
@@ -186,8 +187,7 @@ class ZenohLink:
 
     def _answering(self, do: Callable[[], Answer]) -> Any:
         def answer(query: zenoh.Query) -> None:
-            attached = query.attachment
-            sent = None if attached is None else keys.read_attachment(attached.to_bytes())
+            sent = _sent(query)
             attachment = None if sent is None else keys.attachment(sent._replace(stamp=time.time_ns()))
 
             def reply(found: Answer) -> None:
@@ -219,19 +219,14 @@ class _RosNames:
         self._numbers = dict.fromkeys(self.keys, 0)
 
     def put(self, topic: str, data: bytes) -> None:
-        """Publishes a message."""
         self._numbers[topic] += 1
         sent = Sent(self._numbers[topic], time.time_ns(), self._publisher[topic])
         self._session.put(self.keys[topic], data, attachment=keys.attachment(sent))
 
 
-def _asked_kinds(topics: Topics) -> list[tuple[str, str]]:
-    """Requested topics, with their types in case nobody announces them."""
-    joint, imu = topics.joint, topics.imu
-    found = [] if imu is None else [(imu, IMU)]
-    if joint is not None:
-        found.append((joint, LOW_STATES[0] if joint.lower().endswith("lowstate") else JOINT_STATE))
-    return found
+def _sent(message: zenoh.Sample | zenoh.Query) -> Sent | None:
+    attached = message.attachment
+    return None if attached is None else keys.read_attachment(attached.to_bytes())
 
 
 def _stamp(sample: zenoh.Sample) -> int:

@@ -75,7 +75,10 @@ class Worker:
         with self._lock:
             self._waiting.append(item)
             if len(self._waiting) > self._settings.queue:
-                self._drop_oldest()
+                oldest = next((k for k, item in enumerate(self._waiting) if not isinstance(item, _Request)), None)
+                if oldest is not None:
+                    del self._waiting[oldest]
+                    self.dropped += 1
 
     def ask(self, do: Callable[[], Answer], reply: Callable[[Answer], None]) -> None:
         """Queues a request such as `session.tare`; its answer is passed to `reply` in the worker's thread."""
@@ -88,12 +91,6 @@ class Worker:
         return len(self._waiting)
 
     # -- inside -----------------------------------------------------------------------------------------------
-    def _drop_oldest(self) -> None:
-        oldest = next((k for k, item in enumerate(self._waiting) if not isinstance(item, _Request)), None)
-        if oldest is not None:
-            del self._waiting[oldest]
-            self.dropped += 1
-
     def _run(self) -> None:
         try:
             stopping = False
@@ -123,14 +120,10 @@ class Worker:
                 self._session.add(item, time.monotonic())
         self._session.feed(arrivals)
 
-    def _fed_until(self, now: float) -> float:
-        """Arrival of the oldest queued message; now if there is none."""
-        with self._lock:
-            return next((item.arrived for item in self._waiting if isinstance(item, Arrival)), now)
-
     def _send(self, *, final: bool) -> None:
         now = time.monotonic()
-        until = self._fed_until(now)
+        with self._lock:  # the arrival of the oldest queued message
+            until = next((item.arrived for item in self._waiting if isinstance(item, Arrival)), now)
         event = self._session.event(until)
         if now < self._due and event == self._sent and not final:
             return

@@ -80,10 +80,9 @@ class StreamGuard:
 
 def _said(finding: Finding) -> str:
     """The finding with the option that corrects it; messages have no columns to be mapped."""
-    if finding.option.startswith("--columns"):
-        fix = "" if finding.mend is None else " or add --fix"
-        return f"{finding.message}; correct it where the messages are sent{fix}"
-    return str(finding)
+    if not finding.option.startswith("--columns"):
+        return str(finding)
+    return f"{finding.message}; correct it where the messages are sent{'' if finding.mend is None else ' or add --fix'}"
 
 
 @dataclass(frozen=True)
@@ -158,7 +157,14 @@ class LiveSession:
         on this machine's monotonic clock [s].
         """
         try:
-            self._add(samples)
+            if self.intake.fresh:
+                self._guard.restart()
+            corrected = self._guard.corrected(samples)
+            self._use(corrected)
+            notes, anew = self._guard.check(corrected)
+            self.intake.notes |= dict.fromkeys(notes)
+            if anew:
+                self.reset()
             self._fault = ""
         except (StaderaError, ArithmeticError, np.linalg.LinAlgError) as error:
             self._fault = f"samples that can be used: {error}"
@@ -193,13 +199,8 @@ class LiveSession:
     def event(self, until: float) -> tuple[object, ...]:
         """Key of the state that changes when a state must be sent at once: changes, verdict, missing input, tare."""
         estimator = self.estimator or self._idle
-        return (
-            len(estimator.changes),
-            self._trust(estimator).verdict,
-            self._lacking(until),
-            self._tared_after,
-            estimator,
-        )
+        verdict, lacking = self._trust(estimator).verdict, self._lacking(until)
+        return len(estimator.changes), verdict, lacking, self._tared_after, estimator
 
     def state(self, now: float | None = None, until: float | None = None) -> LiveState:
         """The present state, on the clock of the arrivals [s], None for this machine's. Topics count as silent only up
@@ -243,23 +244,6 @@ class LiveSession:
         replayed = not self.intake.seen and self.estimator is not None
         return () if replayed else self.intake.waiting_for(now)
 
-    def _add(self, recording: Recording) -> None:
-        if self.intake.fresh:
-            self._guard.restart()
-        recording = self._guard.corrected(recording)
-        self._use(recording)
-        notes, anew = self._guard.check(recording)
-        self.intake.notes |= dict.fromkeys(notes)
-        if anew:
-            self.reset()
-
-    def _until_tare(self, samples: Samples) -> tuple[Samples, ...]:
-        """The samples up to the one at which the tare is due, and those after it."""
-        due = len(samples)
-        if self._tare_after is not None:
-            due = 1 + int(np.searchsorted(samples.time, self._begin + self._tare_after))
-        return tuple(part for part in (samples[:due], samples[due:]) if len(part))
-
     def _use(self, recording: Recording) -> None:
         """Passes samples to the estimator, unless the guard found that they cannot be weighed."""
         self._begin = float(recording.time[0]) if np.isnan(self._begin) else self._begin
@@ -280,10 +264,12 @@ class LiveSession:
             estimator.restart()
         self.estimator, self.intake.fresh = estimator, False
         samples = Samples.of_recording(recording, self._posed, estimator.mount.name)
-        for part in self._until_tare(samples):
+        after = np.inf if self._tare_after is None else self._tare_after
+        due = 1 + int(np.searchsorted(samples.time, self._begin + after))
+        for part in filter(len, (samples[:due], samples[due:])):
             estimator.add(part)
             self._time = float(part.time[-1])
-            if self._tare_after is not None and self._time - self._begin >= self._tare_after and self.tare().success:
-                self._tare_after = None
+            if self._time - self._begin >= after and self.tare().success:
+                self._tare_after, after = None, np.inf
         if self._watch is not None:
             self._watch(samples, estimator)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
@@ -24,7 +24,7 @@ from stadera.robot.imu import ImuMount
 from stadera.robot.kinematics import forward_kinematics
 from stadera.robot.model import Robot, Shape
 from stadera.trunk.estimator import TrunkEstimator
-from stadera.trunk.measurement import Measurement
+from stadera.trunk.load import Payload
 from stadera.trunk.model import TrunkBounds
 from stadera.trunk.samples import Samples
 from stadera.trunk.standing.forces import ContactForceEstimator
@@ -43,13 +43,11 @@ class Posture:
     """Posture at one instant, world axes: z upwards, the ground at zero, origin below the trunk's."""
 
     time: float  # [s]
-    rotation: Array  # (3, 3), of the trunk
-    origin: Array  # (3,) [m], of the trunk
     rotations: Array  # (links, 3, 3), of all links, trunk first
     origins: Array  # (links, 3) [m], of all links
-    contacts: Array  # (4, 3) [m]
-    forces: Array  # (4, 3) [N], of the ground on the feet
-    stance: Bools  # (4,), loaded feet
+    contacts: Array  # (legs, 3) [m]
+    forces: Array  # (legs, 3) [N], of the ground on the feet
+    stance: Bools  # (legs,), loaded feet
 
 
 class Postures:
@@ -80,7 +78,6 @@ class Postures:
         self._turn(samples[samples.time > self._last])
 
     def _turn(self, samples: Samples) -> None:
-        """Updates the trunk's attitude with these samples."""
         if not len(samples):
             return
         force = samples.specific_force.mean(axis=0)
@@ -98,23 +95,13 @@ class Postures:
     def _posture(self, samples: Samples, k: int, mount: ImuMount) -> Posture:
         assert self._world is not None
         R = self._world.as_matrix()
-        one = Measurement(
-            float(samples.time[k]),
-            samples.position[k],
-            samples.velocity[k],
-            samples.effort[k],
-            samples.angular_velocity[k],
-            samples.specific_force[k],
-            lever=mount.translation,
-        )
+        one = replace(next(iter(samples[k : k + 1])), lever=mount.translation)
         found = self._forces.at(one)
         contacts = found.contact @ R.T
         lift = np.array([0.0, 0.0, -contacts[:, 2].min()])
         rotations, origins = forward_kinematics(self._robot.tree, samples.position[k : k + 1])
         forces = np.where(np.isfinite(found.force), found.force, 0.0) @ R.T
-        return Posture(
-            one.time, R, lift, R @ rotations[0], origins[0] @ R.T + lift, contacts + lift, forces, found.stance
-        )
+        return Posture(one.time, R @ rotations[0], origins[0] @ R.T + lift, contacts + lift, forces, found.stance)
 
 
 class Viewer:
@@ -192,16 +179,14 @@ class Viewer:
     def _style(self) -> None:
         rr, log = self._rr, self._rec.log
         log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
-        for place, name in (("plots/trunk", "trunk"), ("plots/payload", "payload")):
-            log(f"{place}/mass", _band(rr, [f"{name} mass [kg]"], ["blue"]), static=True)
-            log(
-                f"{place}/com", _band(rr, [f"{name} com {a} [m]" for a in "xyz"], ["red", "green", "blue"]), static=True
-            )
+        for name in ("trunk", "payload"):
+            com = _band(rr, [f"{name} com {axis} [m]" for axis in "xyz"], ["red", "green", "blue"])
+            log(f"plots/{name}/mass", _band(rr, [f"{name} mass [kg]"], ["blue"]), static=True)
+            log(f"plots/{name}/com", com, static=True)
         verdicts, colours = list(_TRUST_COLOURS), [_rgb(name) for name in _TRUST_COLOURS.values()]
         log("trust", rr.StateConfiguration(values=verdicts, labels=verdicts, colors=colours), static=True)
 
     def _draw_shapes(self) -> None:
-        """Draws the links' shapes in the links' frames, once."""
         shapes, trunk = self._robot.shapes, self._robot.trunk
         for link, kind in dict.fromkeys((shape.link, shape.kind) for shape in shapes):
             own = [shape for shape in shapes if (shape.link, shape.kind) == (link, kind)]
@@ -214,7 +199,11 @@ class Viewer:
             log(["world", "robot", link], rr.Transform3D(translation=origin, mat3x3=rotation))
         vectors = self._force_scale * posture.forces
         log("world/forces", rr.Arrows3D(vectors=vectors, origins=posture.contacts, colors=_rgb("box"), radii=0.006))
-        log("world/support", rr.LineStrips3D(_polygon(posture), colors=_rgb("soft"), radii=0.004))
+        corners = posture.contacts[posture.stance]
+        x, y, _ = (corners - corners.mean(axis=0)).T if len(corners) > 1 else np.zeros((3, 0))
+        around = np.argsort(np.arctan2(y, x))
+        polygon = [corners[[*around, *around[:1]]]] if len(around) else []
+        log("world/support", rr.LineStrips3D(polygon, colors=_rgb("soft"), radii=0.004))
 
     def _draw_known(self, estimator: TrunkEstimator) -> None:
         rr, log, trunk, payload = self._rr, self._rec.log, estimator.trunk, estimator.payload
@@ -228,28 +217,24 @@ class Viewer:
         if trunk.observed[0]:
             self._plot("trunk", trunk.inertial.mass, trunk.mass_std, trunk.com, trunk.com_std)
         half, turned = self._spread(trunk.covariance[1:, 1:])
-        com = rr.Ellipsoids3D(
-            centers=[trunk.inertial.com], half_sizes=[half], quaternions=[turned], colors=[colour], fill_mode="solid"
-        )
-        log([*self._trunk, "com"], com)
+        look = {"half_sizes": [half], "quaternions": [turned], "colors": [colour], "fill_mode": "solid"}
+        log([*self._trunk, "com"], rr.Ellipsoids3D(centers=[trunk.inertial.com], **look))
         if payload is not None:
             self._plot("payload", payload.mass, payload.mass_std, payload.com, payload.com_std)
-            centre = np.full(3, np.nan) if payload.at else payload.com
-            self._draw_payload(centre, payload.com_covariance, f"{payload.mass:.2f} kg", colour)
+            self._draw_payload(payload, colour)
         for change in estimator.changes[self._changes :]:
             log("events", rr.TextLog(f"load {change.kind}, at {change.time - self._begin:.2f} s", level="INFO"))
         self._changes = len(estimator.changes)
 
-    def _draw_payload(self, com: Array, covariance: Array, label: str, colour: list[int]) -> None:
-        """Draws a box around the payload's centre of mass; nothing if no component of it was observed."""
-        rr, place = self._rr, [*self._trunk, "payload"]
-        if np.isnan(com).all():
+    def _draw_payload(self, payload: Payload, colour: list[int]) -> None:
+        """Draws a box around the payload's centre of mass; nothing if that was not observed, or is not in the trunk."""
+        rr, place, com = self._rr, [*self._trunk, "payload"], payload.com
+        if payload.at or np.isnan(com).all():
             self._rec.log(place, rr.Clear(recursive=False))
             return
-        std = np.sqrt(np.diag(covariance))
-        half = np.where(np.isnan(std), self._wide, self._deviations * std)
-        centre = np.where(np.isnan(com), 0.0, com)
-        self._rec.log(place, rr.Boxes3D(centers=[centre], half_sizes=[half], colors=[colour], labels=[label]))
+        half = np.where(np.isnan(payload.com_std), self._wide, self._deviations * payload.com_std)
+        look = {"half_sizes": [half], "colors": [colour], "labels": [f"{payload.mass:.2f} kg"]}
+        self._rec.log(place, rr.Boxes3D(centers=[np.nan_to_num(com)], **look))
 
     def _plot(self, what: str, mass: float, mass_std: float, com: Array, com_std: Array) -> None:
         rr = self._rr
@@ -268,7 +253,6 @@ class Viewer:
 
 
 def _drawn(rr: Any, kind: str, shapes: Sequence[Shape], colour: list[int]) -> Any:
-    """Shapes of one kind in the frame of their link."""
     rotations, at = np.array([shape.rotation for shape in shapes]), np.array([shape.translation for shape in shapes])
     sizes, turned = np.array([shape.size for shape in shapes]), Rotation.from_matrix(rotations).as_quat()
     look: dict[str, Any] = {"colors": [colour] * len(shapes), "fill_mode": "solid"}
@@ -282,18 +266,7 @@ def _drawn(rr: Any, kind: str, shapes: Sequence[Shape], colour: list[int]) -> An
     return rr.Cylinders3D(centers=at, **look)
 
 
-def _polygon(posture: Posture) -> list[Array]:
-    """Polygon of the loaded feet, closed; empty for fewer than two."""
-    corners = posture.contacts[posture.stance]
-    if len(corners) < 2:
-        return []
-    x, y, _ = (corners - corners.mean(axis=0)).T
-    around = np.argsort(np.arctan2(y, x))
-    return [corners[[*around, around[0]]]]
-
-
 def _band(rr: Any, names: list[str], colours: list[str]) -> Any:
-    """Style of values with two standard deviations below and above."""
     lines = [(f"{name}{part}", _rgb(colour), width) for name, colour in zip(names, colours, strict=True)
              for part, width in (("", 2.0), (" − 2σ", 0.7), (" + 2σ", 0.7))]  # fmt: skip
     shown, rgb, widths = (list(column) for column in zip(*lines, strict=True))
@@ -301,12 +274,10 @@ def _band(rr: Any, names: list[str], colours: list[str]) -> Any:
 
 
 def _rgb(name: str) -> list[int]:
-    """One of the reports' colours, on white."""
     return list(bytes.fromhex(light(name).removeprefix("#")))
 
 
 def _blueprint(size: float) -> rerun.blueprint.Blueprint:
-    """Layout: the robot, with links up to this length [m], above the events, and the estimates over time."""
     import rerun.blueprint as rrb
 
     names = {"mass": "mass [kg] ± 2σ", "com": "centre of mass [m] ± 2σ: x red, y green, z blue"}

@@ -17,23 +17,24 @@ from stadera.excite.trunk.planted import AXES
 from stadera.excite.trunk.result import Routine
 from stadera.report.figures import Axis, Figure, Guide, Panel, Series, line
 from stadera.report.numbers import number
-from stadera.report.table import TableData
-from stadera.report.terminal import notes, rich_table
+from stadera.report.table import TableData, notes, rich_table
 from stadera.robot.kinematics import forward_kinematics
 
 
 def limits_table(result: Excitation) -> TableData:
     """Extremes of each joint's motion, and its bounds with margins subtracted."""
-    bounds, peaks = result.experiment.bounds, result.peaks
+    bounds = result.experiment.bounds
     rows = (
         (
             joint,
-            f"{_span(peaks.lower[k], peaks.upper[k])} of {_span(bounds.lower[k], bounds.upper[k])}",
-            f"{number(peaks.velocity[k], 3)} of {_bound(bounds.velocity[k])}",
-            number(peaks.acceleration[k], 3),
-            f"{number(peaks.torque[k], 3)} of {_bound(bounds.effort[k])}",
+            f"{number(low, 3)} to {number(high, 3)} of {number(bounds.lower[k], 3)} to {number(bounds.upper[k], 3)}",
+            f"{number(velocity, 3)} of {number(bounds.velocity[k], 3, 'no limit')}",
+            number(acceleration, 3),
+            f"{number(torque, 3)} of {number(bounds.effort[k], 3, 'no limit')}",
         )
-        for k, joint in enumerate(bounds.joints)
+        for k, (joint, low, high, velocity, acceleration, torque) in enumerate(
+            zip(bounds.joints, *result.extremes.values(), strict=True)
+        )
     )
     head = ("joint", "position [rad]", "velocity [rad/s]", "acceleration [rad/s²]", "torque [N·m]")
     return TableData.of(f"{bounds.leg}: extremes, of what is allowed", head, rows)
@@ -73,14 +74,6 @@ def verdict(result: Excitation) -> str:
         f"Against the median of {len(result.draws)} random draws: {result.gained:+.1f} nat of information; standard "
         f"deviations {result.median_ratio:.1f} times smaller in the median, {result.ratios.max():.1f} at best{tail}."
     )
-
-
-def _span(low: float, high: float) -> str:
-    return f"{number(low, 3)} to {number(high, 3)}"
-
-
-def _bound(value: float) -> str:
-    return number(value, 3, "no limit")
 
 
 def figures(result: Excitation) -> dict[str, Figure]:
@@ -143,16 +136,21 @@ def excitation_html(result: Excitation) -> str:
     from stadera.report.page import render
 
     bounds, settings = result.experiment.bounds, result.settings
-    shown = min(30.0, settings.duration)
+    shown, median = min(30.0, settings.duration), number(100.0 * float(np.median(result.chosen.std)), 2)
     return render(
         "excite.html.j2",
         title=f"Excitation: {bounds.robot.name} {bounds.leg}",
-        headline=_answer(result),
+        headline=f"{number(settings.duration)} s of this motion of {bounds.leg} determine {result.chosen.rank} of "
+        f"{len(result.combinations)} combinations of its parameters better than CAD does.",
         level="note",
         word="Within the limits",
         why=verdict(result),
         next=_next_steps(result),
-        cards=list(_cards(result)),
+        cards=[
+            {"label": "Information gain", "figure": f"{result.chosen.gain:.1f}", "unit": "nat"},
+            {"label": "Combinations known", "figure": result.chosen.rank, "unit": f"of {len(result.combinations)}"},
+            {"label": "Standard deviation, median", "figure": median, "unit": "% of the prior's"},
+        ],
         worth=worth_table(result),
         stds=std_figure(result),
         limits=limits_table(result),
@@ -160,15 +158,6 @@ def excitation_html(result: Excitation) -> str:
         motion=motion_figure(result, shown),
         facts=_facts(result),
         notes=bounds.clearance.notes,
-    )
-
-
-def _answer(result: Excitation) -> str:
-    best, known = result.chosen, len(result.combinations)
-    leg = result.experiment.bounds.leg
-    return (
-        f"{number(result.settings.duration)} s of this motion of {leg} determine {best.rank} of {known} combinations "
-        f"of its parameters better than CAD does."
     )
 
 
@@ -183,16 +172,10 @@ def _next_steps(result: Excitation) -> tuple[str, ...]:
     )
 
 
-def _cards(result: Excitation) -> Iterator[dict[str, object]]:
-    """Yields arguments of the macro `card`."""
-    best, median = result.chosen, number(100.0 * float(np.median(result.chosen.std)), 2)
-    yield {"label": "Information gain", "figure": f"{best.gain:.1f}", "unit": "nat"}
-    yield {"label": "Combinations known", "figure": best.rank, "unit": f"of {len(result.combinations)}"}
-    yield {"label": "Standard deviation, median", "figure": median, "unit": "% of the prior's"}
-
-
 def _facts(result: Excitation) -> dict[str, str]:
     settings, height = result.settings, result.settings.stand_height
+    distance = result.least_distance
+    near = f"{number(distance, 2)} m" if distance < 0.1 else "0.1 m or more"
     noise = ", ".join(number(value, 3) for value in result.experiment.noise.tolist())
     return {
         "Robot": result.experiment.bounds.robot.name,
@@ -202,15 +185,9 @@ def _facts(result: Excitation) -> dict[str, str]:
         "Table": f"{number(settings.rate)} Hz",
         "Torque noise": f"{noise} N·m for one sample",
         "Ground": "not given" if height is None else f"{number(height)} m below the trunk's origin",
-        "Least distance": _distance(result.peaks.distance),
+        "Least distance": near if np.isfinite(distance) else "the model has no shapes",
         "Seed": str(settings.seed),
     }
-
-
-def _distance(value: float) -> str:
-    if not np.isfinite(value):
-        return "the model has no shapes"
-    return f"{number(value, 2)} m" if value < 0.1 else "0.1 m or more"
 
 
 def promise(result: Routine) -> str:

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 from math import nan
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from markupsafe import Markup
 from rich.text import Text
 
 from stadera.constants import DAY
@@ -29,9 +27,7 @@ from stadera.fleet.table import FleetTable
 from stadera.report.figures import Axis, Figure, Panel, Series, plotly
 from stadera.report.numbers import counted, number, with_std
 from stadera.report.page import render
-from stadera.report.table import SHOWN, Cell, Row, TableData
-from stadera.report.terminal import rich_table
-from stadera.types import Array
+from stadera.report.table import SHOWN, Cell, Row, TableData, rich_table
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -113,7 +109,11 @@ def figure(series: FleetSeries, found: Sequence[Departure], pages: Mapping[str, 
         out[departure.first : departure.last + 1] = departure.kind != "since"
     doubtful = np.array([row["trust"] == "doubtful" for row in rows])
     named = series.joint is None and len(rows) <= SHOWN.named
-    x, axis = _times(rows)
+    if all(map(when, rows)):
+        begins = np.array([row["begin"] for row in rows])
+        x, axis = (begins - begins[0]) / DAY, Axis(f"days since {when(rows[0])[:10]}")
+    else:
+        x, axis = np.arange(1.0, len(rows) + 1.0), Axis("number of the log")
     marks = [Series(x, value, "", "steel", 0.8)] if series.joint is None else []
     for colour, marker, chosen in (
         ("blue", "dot", ~out & ~doubtful),
@@ -124,8 +124,11 @@ def figure(series: FleetSeries, found: Sequence[Departure], pages: Mapping[str, 
             at, half = value[chosen], 2.0 * std[chosen]
             which = np.flatnonzero(chosen).tolist() if named else []
             look: dict[str, Any] = {"marker": marker, "size": 7.0, "y_range": (at - half, at + half)}
-            look["hover"] = tuple(_hover(series, k) for k in which)
-            look["links"] = tuple(pages.get(str(rows[k]["log"]), "") for k in which)
+            logs = [str(rows[k]["log"]) for k in which]
+            texts = [f"{with_std(value[k], std[k])} {series.unit}, {rows[k]['trust']}" for k in which]
+            names = [f"{when(rows[k])} {log.rpartition('/')[2]}".strip() for k, log in zip(which, logs, strict=True)]
+            look["hover"] = tuple(f"{name}: {text}" for name, text in zip(names, texts, strict=True))
+            look["links"] = tuple(pages.get(log, "") for log in logs)
             marks.append(Series(x[chosen], at, "", colour, 0.0, **look))
     edges = sorted({0, len(value), *(d.first for d in found), *(d.last + 1 for d in found)})
     for begin, end in pairwise(edges):
@@ -136,40 +139,6 @@ def figure(series: FleetSeries, found: Sequence[Departure], pages: Mapping[str, 
     y = Axis(f"{series.title} [{series.unit}]", limits=(low, high) if high > low else None)
     title = f"{y.title} of {series.robot} over {counted(len(value), 'log')}"
     return Figure(title, ((Panel(axis, y, tuple(marks)),),), row_height=260.0, width=540.0)
-
-
-def _times(rows: Sequence[LogRow]) -> tuple[Array, Axis]:
-    """Days since the first log if the logs have the time of day, else their numbers."""
-    if all(map(when, rows)):
-        begins = np.array([row["begin"] for row in rows])
-        return (begins - begins[0]) / DAY, Axis(f"days since {when(rows[0])[:10]}")
-    return np.arange(1.0, len(rows) + 1.0), Axis("number of the log")
-
-
-def _hover(series: FleetSeries, k: int) -> str:
-    row = series.rows[k]
-    name = str(row["log"]).rpartition("/")[2]
-    said = f"{when(row)} {name}: {with_std(series.value[k], series.std[k])} {series.unit}, {row['trust']}"
-    return said.strip()
-
-
-@dataclass(frozen=True)
-class FleetPanel:
-    """A figure as JSON with its height [px], and whether it contains departures."""
-
-    figure: Figure
-    data: Markup
-    out: bool
-
-
-@dataclass(frozen=True)
-class RobotPanels:
-    """Figures of a robot: the trunk's, then the joints', collapsed unless they contain departures."""
-
-    name: str
-    about: str
-    trunk: tuple[FleetPanel, ...]
-    joints: tuple[FleetPanel, ...]
 
 
 def fleet_html(table: FleetTable, pages: Mapping[str, str], chance: float = 0.01) -> str:
@@ -189,7 +158,7 @@ def fleet_html(table: FleetTable, pages: Mapping[str, str], chance: float = 0.01
         level="warning" if found or failed else "note",
         headline=_headline(found, fleet, len(failed), len(table.rows)),
         word="to be looked at" if found or failed else "good",
-        why=f"{looks_at(fleet):,} looks; that they report anything of a fleet in which nothing happens has a "
+        why=f"{counted(looks_at(fleet), 'look')}; that they report anything of a fleet in which nothing happens has a "
         f"probability of at most {number(100.0 * chance, 1)} %",
         next=_advice(found, failed),
         robots=robots_table(table),
@@ -218,21 +187,20 @@ def _headline(found: Sequence[Departure], fleet: Sequence[FleetSeries], failed: 
 
 
 def _advice(found: Sequence[Departure], failed: Sequence[LogRow]) -> list[str]:
-    steps = []
-    for departure in found[:3]:
-        log = departure.series.rows[departure.first]["log"]
-        steps.append(f"{departure.series.robot}: look at `stadera weigh {log} --robot R --report page.html`")
-    if failed:
-        steps.append(f"{len(failed)} failed; see what is wrong with one by `stadera inspect {failed[0]['log']}`")
-    return steps
+    first = [(d.series.robot, d.series.rows[d.first]["log"]) for d in found[:3]]
+    steps = [f"{robot}: look at `stadera weigh {log} --robot R --report page.html`" for robot, log in first]
+    wrong = [
+        f"{len(failed)} failed; see what is wrong with one by `stadera inspect {row['log']}`" for row in failed[:1]
+    ]
+    return steps + wrong
 
 
 def _drawn(
     fleet: Sequence[FleetSeries], found: Sequence[Departure], pages: Mapping[str, str]
-) -> dict[FleetSeries, FleetPanel]:
-    """Figures of all series if there is space; departures come first, then trunks, then joints."""
+) -> dict[FleetSeries, dict[str, Any]]:
+    """Figures of all series if there is space, with their JSON; departures come first, then trunks, then joints."""
     outs = {series: [d for d in found if d.series is series] for series in fleet}
-    panels: dict[FleetSeries, FleetPanel] = {}
+    panels: dict[FleetSeries, dict[str, Any]] = {}
     spent = 0
     for series in sorted(fleet, key=lambda series: (not outs[series], series.joint is not None)):
         shown = figure(series, outs[series], pages)
@@ -240,22 +208,22 @@ def _drawn(
         spent += len(data) + 600  # and what is around it
         if spent > SHOWN.figures:
             break
-        panels[series] = FleetPanel(shown, data, bool(outs[series]))
+        panels[series] = {"figure": shown, "data": data, "out": bool(outs[series])}
     return panels
 
 
 def _panels(
-    name: str, rows: Sequence[LogRow], fleet: Sequence[FleetSeries], drawn: Mapping[FleetSeries, FleetPanel]
-) -> RobotPanels:
+    name: str, rows: Sequence[LogRow], fleet: Sequence[FleetSeries], drawn: Mapping[FleetSeries, dict[str, Any]]
+) -> dict[str, Any]:
+    """The template's values for a robot: the trunk's figures, and the joints', which are folded unless one departs."""
     own = [series for series in fleet if series.robot == name]
     verdicts = Counter(row["trust"] or "failed" for row in rows)
     about = ", ".join(f"{verdicts[word]} {word}" for word in ("good", "doubtful", "bad", "failed") if verdicts[word])
     missing = sum(series not in drawn for series in own)
     left = f"; {missing} of its figures left out, in which nothing stands out" if missing else ""
-    trunk, joints = (
-        tuple(drawn[s] for s in own if s in drawn and (s.joint is None) is of_trunk) for of_trunk in (True, False)
-    )
-    return RobotPanels(name, f"{counted(len(rows), 'log')}: {about}{left}", trunk, joints)
+    trunk = [drawn[s] for s in own if s in drawn and s.joint is None]
+    joints = [drawn[s] for s in own if s in drawn and s.joint is not None]
+    return {"name": name, "about": f"{counted(len(rows), 'log')}: {about}{left}", "trunk": trunk, "joints": joints}
 
 
 def _failed_table(failed: Sequence[LogRow]) -> TableData:
@@ -280,19 +248,14 @@ def _logs_table(table: FleetTable, pages: Mapping[str, str]) -> TableData:
 
 def _log_row(row: LogRow, shown: Sequence[str], dated: bool, page: str) -> Row:
     verdict = row["trust"] if row["status"] == "ok" else "failed"
+    trunk = [(TRUNK[name][2], row[name], row[f"{name}_std"]) for name in shown]
     return (
         Cell(str(row["log"]).rpartition("/")[2], link=page),
         row["robot"] or "unknown",
         *([when(row)] if dated else []),
         "" if row["begin"] is None else number(row["end"] - row["begin"], 4),
         Cell(verdict, good={"good": None, "doubtful": False}.get(verdict, False)),
-        *(_trunk_value(row, name) for name in shown),
+        *("" if value is None else with_std(k * value, k * (nan if std is None else std)) for k, value, std in trunk),
         "" if row["changes"] is None else str(row["changes"]),
         "" if row["misfit"] is None else number(row["misfit"], 2),
     )
-
-
-def _trunk_value(row: LogRow, name: str) -> str:
-    """A value of the trunk with its error bar, in the unit shown; empty if it is missing."""
-    factor, value, std = TRUNK[name][2], row[name], row[f"{name}_std"]
-    return "" if value is None else with_std(factor * value, factor * (nan if std is None else std))

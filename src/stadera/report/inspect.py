@@ -10,8 +10,7 @@ from rich.table import Table
 from rich.text import Text
 
 from stadera.report.numbers import number
-from stadera.report.table import SHOWN, Cell, TableData
-from stadera.report.terminal import notes, rich_table
+from stadera.report.table import SHOWN, Cell, Row, TableData, notes, rich_table
 
 if TYPE_CHECKING:
     from stadera.logs.summary import LogSummary
@@ -23,7 +22,10 @@ if TYPE_CHECKING:
 def robot_contents(robot: Robot) -> Iterator[RenderableType]:
     """A robot's links with their masses, its joints with their limits, and the loader's assumptions."""
     yield Text(f"{robot.name}: {number(robot.mass)} kg, from {robot.source or 'memory'}", style="bold")
-    yield rich_table(_link_table(robot))
+    owners = {"trunk": (robot.trunk,), **{leg.name: leg.links for leg in robot.legs}}
+    rows = {owner: [_link_row(robot, link) for link in links] for owner, links in owners.items()}
+    head = ("link", "mass [kg]", "com x [m]", "com y [m]", "com z [m]", "possible")
+    yield rich_table(TableData.of("Links (CAD)", head, rows, sides="lrrrrl"))
     yield rich_table(_joint_table(robot))
     yield from notes(robot.notes)
 
@@ -38,13 +40,6 @@ def comparison(first: Robot, second: Robot, found: Sequence[Difference]) -> Iter
     yield rich_table(TableData.of("Differences", ("of", "value", first.name, second.name), rows, sides="llrr"))
 
 
-def _link_table(robot: Robot) -> TableData:
-    owners = {"trunk": (robot.trunk,), **{leg.name: leg.links for leg in robot.legs}}
-    rows = {owner: [_link_row(robot, link) for link in links] for owner, links in owners.items()}
-    head = ("link", "mass [kg]", "com x [m]", "com y [m]", "com z [m]", "possible")
-    return TableData.of("Links (CAD)", head, rows, sides="lrrrrl")
-
-
 def _link_row(robot: Robot, link: str) -> list[str | Cell]:
     body = robot.inertias[link]
     possible = "yes" if body.is_physical() else Cell("NO", good=False)
@@ -53,18 +48,17 @@ def _link_row(robot: Robot, link: str) -> list[str | Cell]:
 
 def _joint_table(robot: Robot) -> TableData:
     head = ("joint", "position [rad]", "velocity [rad/s]", "torque [N·m]", "rotor inertia [kg·m²]", "foot")
-    rows = {}
+    rows: dict[str, list[Row]] = {}
     for leg in robot.legs:
         foot = f"{leg.foot}, flat" if leg.contact == 6 else f"{leg.foot}, radius {number(leg.foot_radius, 3)} m"
         feet = (*[""] * (len(leg.joints) - 1), foot)
-        rows[leg.name] = [(j, *_limits(robot, j), foot) for j, foot in zip(leg.joints, feet, strict=True)]
+        rows[leg.name] = []
+        for joint, foot in zip(leg.joints, feet, strict=True):
+            limits, armature = robot.limits[joint], robot.dynamics[joint].armature
+            span = f"{number(limits.lower, 3)} to {number(limits.upper, 3)}"
+            sizes = (number(value, 3) for value in (limits.velocity, limits.effort, armature))
+            rows[leg.name].append((joint, span, *sizes, foot))
     return TableData.of("Joints", head, rows, sides="lrrrrl")
-
-
-def _limits(robot: Robot, joint: str) -> list[str]:
-    limits, armature = robot.limits[joint], robot.dynamics[joint].armature
-    span = f"{number(limits.lower, 3)} to {number(limits.upper, 3)}"
-    return [span, number(limits.velocity, 3), number(limits.effort, 3), number(armature, 3)]
 
 
 def log_contents(
@@ -94,10 +88,12 @@ def _verdict(inspection: Inspection) -> Iterator[Text]:
 
 def _facts(summary: LogSummary, fits: Sequence[str]) -> Table:
     frame = f", in frame {summary.imu_frame}" if summary.imu_frame else ""
+    shown = ", ".join(f"{length:.3f} s at {start:.3f} s" for start, length in summary.gaps[: SHOWN.gaps])
+    left = f" and {summary.gap_count - SHOWN.gaps} more" if summary.gap_count > SHOWN.gaps else ""
     named = {
         "time": f"{summary.start:.3f} to {summary.end:.3f} s",
         "rate": f"{1.0 / summary.period:.6g} Hz, {100.0 * summary.uneven:.2g} % of the steps off by over 10 %",
-        "gaps": _gaps(summary),
+        "gaps": f"{summary.gap_count}: {shown}{left}" if summary.gap_count else "none",
         "joints": f"{len(summary.joints)}, with {', '.join(summary.channels)}",
         "imu": f"yes{frame}" if summary.has_imu else "no",
         "feet": ", ".join(summary.feet) or "none",
@@ -107,11 +103,3 @@ def _facts(summary: LogSummary, fits: Sequence[str]) -> Table:
     for name, value in named.items():
         drawn.add_row(name, Text(value))
     return drawn
-
-
-def _gaps(summary: LogSummary) -> str:
-    if not summary.gap_count:
-        return "none"
-    shown = ", ".join(f"{length:.3f} s at {start:.3f} s" for start, length in summary.gaps[: SHOWN.gaps])
-    more = summary.gap_count - SHOWN.gaps
-    return f"{summary.gap_count}: {shown}" + (f" and {more} more" if more > 0 else "")

@@ -60,7 +60,6 @@ def _environment(package: str) -> Environment:
 
 
 def _asset(name: str, package: str, folder: str = "templates") -> Markup:
-    """A style or script, unescaped."""
     return Markup((resources.files(package) / folder / name).read_text(encoding="utf-8"))
 
 

@@ -1,11 +1,16 @@
-"""Tables as plain values, drawn in the terminal (`terminal.rich_table`), on pages (the macro `table`) and as LaTeX."""
+"""Tables as plain values, drawn in the terminal (`rich_table`), on pages (the macro `table`) and as LaTeX."""
 
 from __future__ import annotations
 
 import re
 import unicodedata
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Literal
+
+from rich.box import SIMPLE_HEAD
+from rich.table import Table
+from rich.text import Text
 
 from stadera.errors import StaderaError
 from stadera.identify.observability import Identifiability
@@ -75,9 +80,9 @@ class Cell:
     @property
     def classes(self) -> str:
         """CSS classes."""
-        mark, named = self.mark, {"value": self.strong, "held": self.muted, "good": self.good is True}
-        words = [name for name, applies in {**named, "bad": self.good is False}.items() if applies]
-        return " ".join([mark.word, *words] if mark else words)
+        named = {"value": self.strong, "held": self.muted, "good": self.good is True, "bad": self.good is False}
+        words = [name for name, applies in named.items() if applies]
+        return " ".join([self.mark.word, *words] if self.mark else words)
 
 
 Row = Sequence[str | Cell]
@@ -108,7 +113,10 @@ class TableData:
     ) -> TableData:
         """Makes a table from rows of cells or texts; a mapping groups them under its keys."""
         grouped = body if isinstance(body, Mapping) else {"": body}
-        groups = tuple((heading, tuple(map(_cells, rows))) for heading, rows in grouped.items())
+        groups = tuple(
+            (heading, tuple(tuple(cell if isinstance(cell, Cell) else Cell(cell) for cell in row) for row in rows))
+            for heading, rows in grouped.items()
+        )
         return cls(title, tuple(head), groups, note, sides)
 
     def __post_init__(self) -> None:
@@ -128,10 +136,6 @@ class TableData:
     def has_verdicts(self) -> bool:
         """True if it uses the colours of observability."""
         return any(cell.verdict is not None for _, rows in self.groups for row in rows for cell in row)
-
-
-def _cells(row: Row) -> tuple[Cell, ...]:
-    return tuple(entry if isinstance(entry, Cell) else Cell(entry) for entry in row)
 
 
 _ALIGNED = {"l": "l", "r": "r", "w": "p{0.5\\linewidth}"}
@@ -196,3 +200,44 @@ def _float(table: TableData) -> str:
 
 def _latex_row(texts: Iterable[str]) -> str:
     return " & ".join(map(escaped, texts)) + " \\\\"
+
+
+_SIDES: dict[str, Literal["left", "right"]] = {"l": "left", "w": "left", "r": "right"}
+
+
+def rich_table(data: TableData) -> Table:
+    """Converts a table, with literal title and headings: rich would interpret "[kg]" as markup and drop it."""
+    drawn = Table(title=Text(data.title), title_justify="left", title_style="bold", box=SIMPLE_HEAD, pad_edge=False)
+    for heading, side in zip(data.head, data.columns, strict=True):
+        drawn.add_column(Text(heading), justify=_SIDES[side], overflow="fold")
+    for heading, rows in data.groups:
+        if heading:
+            drawn.add_row(Text(heading, style="italic"))
+        for row in rows:
+            drawn.add_row(*map(_cell, row))
+        drawn.add_section()
+    return drawn
+
+
+def legend(note: str = "") -> Text:
+    """Legend of the symbols and colours of observability."""
+    text = Text()
+    for mark in MARKS.values():
+        text.append(f"{mark.symbol} {mark.word}  ", style=mark.style)
+    return text.append(note, style="dim")
+
+
+def notes(sentences: Iterable[str]) -> Iterator[Text]:
+    """Notes on a result, one line each."""
+    return (Text(f"note: {sentence}", style="dim") for sentence in sentences)
+
+
+def _cell(cell: Cell) -> Text:
+    text = Text(cell.marked, style=_style(cell))
+    return text.append(f" {cell.note}", style="dim") if cell.note else text
+
+
+def _style(cell: Cell) -> str:
+    if cell.mark:
+        return cell.mark.style
+    return "bold" * cell.strong if cell.good is None else "green" if cell.good else "bold red"

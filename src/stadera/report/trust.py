@@ -19,7 +19,6 @@ LEVELS: dict[str, Level] = {"good": "note", "doubtful": "warning", "bad": "bad"}
 STYLES: dict[Level, str] = {"bad": "bold red", "warning": "yellow", "note": "dim"}
 """Styles in the terminal."""
 
-
 UNTRUSTED = "untrusted"
 """Mark on every value of a bad result."""
 
@@ -51,10 +50,10 @@ def marked(data: TableData, trust: Trust) -> TableData:
     """The table unchanged, or with every estimated value marked if the result cannot be trusted."""
     if trust.verdict != "bad":
         return data
-    groups = ((heading, tuple((row[0], *map(_marked, row[1:])) for row in rows)) for heading, rows in data.groups)
+
+    def mark(cell: Cell) -> Cell:
+        estimated = cell.verdict is not None or cell.strong or cell.muted
+        return replace(cell, text=f"✗ {cell.text}") if estimated else cell
+
+    groups = ((heading, tuple((row[0], *map(mark, row[1:])) for row in rows)) for heading, rows in data.groups)
     return replace(data, title=f"{data.title} (✗ {UNTRUSTED})".strip(), groups=tuple(groups))
-
-
-def _marked(cell: Cell) -> Cell:
-    estimated = cell.verdict is not None or cell.strong or cell.muted
-    return replace(cell, text=f"✗ {cell.text}") if estimated else cell

@@ -66,19 +66,19 @@ class Comparison(Result):
 
     def to_html(self) -> str:
         """The page."""
-        from stadera.report.weigh.compared import comparison_html
+        from stadera.report.weigh.page import comparison_html
 
         return comparison_html(self)
 
     def to_tables(self) -> list[TableData]:
         """One table of all entries."""
-        from stadera.report.weigh.compared import comparison_table
+        from stadera.report.weigh.page import comparison_table
 
         return [comparison_table(self)]
 
     def to_figures(self) -> Mapping[str, Figure | TableData]:
         """All results, then mass and payload over time by each method, a figure for each log."""
-        from stadera.report.weigh.compared import comparison_figures
+        from stadera.report.weigh.page import comparison_figures
 
         return comparison_figures(self)
 

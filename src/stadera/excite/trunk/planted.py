@@ -41,9 +41,6 @@ from stadera.types import Array
 AXES = ("roll", "pitch", "yaw", "x", "y", "z")
 """Coordinates of the trunk's motion [rad, m], in this order."""
 
-_SOLVED = 1e-7  # error of a foot that stays where it is [m, 1]
-_EVERY = 4  # samples between two at which the joints are solved for; a spline gives those between
-
 
 @dataclass(frozen=True, eq=False)
 class Planted:
@@ -62,8 +59,9 @@ class Planted:
     motion: Motion
 
     @classmethod
-    def of(cls, robot: Robot, path: Sinusoids, rate: float) -> Planted:
-        """The robot's motion for a path of the trunk with the coordinates `AXES`, sampled at `rate` [Hz].
+    def of(cls, robot: Robot, path: Sinusoids, rate: float, every: int = 4) -> Planted:
+        """The robot's motion for a path of the trunk with the coordinates `AXES`, sampled at `rate` [Hz]. The joints
+        are solved for at one of so many samples; a spline gives those between.
 
         Raises:
             IdentificationError: a foot cannot stay where it is.
@@ -84,7 +82,7 @@ class Planted:
         )
         alpha = make_interp_spline(time, omega, 5)(time, 1)
         force = np.einsum("nji,nj->ni", turn, curve[:, 3:] + [0.0, 0.0, GRAVITY])
-        coarse = np.unique(np.append(np.arange(0, len(time), _EVERY), len(time) - 1))
+        coarse = np.unique(np.append(np.arange(0, len(time), every), len(time) - 1))
         angles = make_interp_spline(time[coarse], _joints(robot, turn[coarse], pose[coarse, 3:]), 5)
         q, rate_of_q, more = (np.asarray(angles(time, order)) for order in range(3))
         return cls(robot, time, pose, Motion(q, rate_of_q, more, omega, alpha, force, turn[:, 2]))
@@ -127,20 +125,19 @@ class Planted:
         return torque, force
 
 
-def _joints(robot: Robot, turn: Array, shift: Array) -> Array:
-    """Joint angles (N, n) that keep the feet where they are in the stance, for poses (N, 3, 3) and (N, 3) [m]."""
+def _joints(robot: Robot, turn: Array, shift: Array, solved: float = 1e-7) -> Array:
+    """Joint angles (N, n) that keep the feet where they are in the stance, for poses (N, 3, 3) and (N, 3) [m]; `solved`
+    is the largest error of a foot that stays where it is [m, 1].
+    """
     out, settings = np.tile(standing_configuration(robot), (len(turn), 1)), StanceSettings()
     for leg in robot.legs:
         tree, own = robot.leg_tree(leg.name), [robot.tree.joints.index(joint) for joint in leg.joints]
         sole, foot, _ = leg_kinematics(tree, leg, out[:1, own])
         foot = np.einsum("nji,nj->ni", turn, foot - shift)
         out[:, own], left = reached(tree, leg, out[:, own], foot, turn.transpose(0, 2, 1) @ sole, settings)
-        if left > _SOLVED:
+        if left > solved:
             raise IdentificationError(f"{leg.name} of {robot.name} cannot keep its foot in place: {left:.2g} m away")
     return out
-
-
-_REST = 0.5  # s between the two motions
 
 
 @dataclass(frozen=True)
@@ -270,7 +267,7 @@ def expected_bars(robot: Robot, path: Sinusoids, payload: InertialParameters, dr
     """
     planted = Planted.of(drawn.true, path, rate)
     bare, loaded = drawn.measured(planted), drawn.measured(planted, payload)
-    again = replace(loaded, time=loaded.time + bare.time[-1] + _REST)
+    again = replace(loaded, time=loaded.time + bare.time[-1] + 0.5)  # s between the two motions
     estimator = TrunkEstimator(robot)
     estimator.add(bare)
     estimator.tare()

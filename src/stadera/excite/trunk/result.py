@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stadera.errors import IdentificationError, RecordingError, UnknownNameError
+from stadera.errors import IdentificationError, UnknownNameError
 from stadera.excite.sinusoids import Sinusoids
 from stadera.excite.trunk.planted import AXES, Bars, Planted
 from stadera.files import written_together
@@ -74,17 +74,9 @@ class Routine(Result):
             RecordingError: another suffix.
             StaderaError: the path cannot be written.
         """
-        import pyarrow as pa
-        from pyarrow import csv, parquet
+        from stadera.logs.frames import write_columns
 
-        table, suffix = pa.table(self.columns), str(path).rpartition(".")[2].lower()
-        if suffix not in ("csv", "parquet"):
-            raise RecordingError(f"{path}: a motion is written as .csv or .parquet")
-        with written_together([path]) as (draft,):
-            if suffix == "csv":
-                csv.write_csv(table, draft, csv.WriteOptions(quoting_header="none"))
-            else:
-                parquet.write_table(table, draft)
+        write_columns(self.columns, path)
 
     def save_player(self, path: str | PathLike[str], interface: str) -> None:
         """Writes a script that plays the motion on a robot, see `stadera.excite.trunk.result.player`.

@@ -18,9 +18,8 @@ from scipy.stats import chi2
 from stadera.body import FrictionModel, TrunkMotion
 from stadera.constants import SAME
 from stadera.excite.bounds import LegBounds
-from stadera.excite.optimise import FourierSearch, optimal_excitation
+from stadera.excite.optimise import FourierSearch, LegExperiment, optimal_excitation
 from stadera.excite.sinusoids import Reference
-from stadera.excite.worth import LegExperiment
 from stadera.identify.job import LegTask
 from stadera.identify.legs import structural_observability
 from stadera.identify.observability import Combination, Identifiability, Observability, gradients_of

@@ -11,8 +11,7 @@ from rich.text import Text
 from stadera.lab.experiments.result import ExperimentResult, Record, Skipped
 from stadera.report.numbers import counted, number
 from stadera.report.page import render
-from stadera.report.table import SHOWN, Cell, TableData
-from stadera.report.terminal import legend, rich_table
+from stadera.report.table import SHOWN, Cell, TableData, legend, rich_table
 
 _WORDS = {True: "met", False: "NOT met", None: ""}
 

@@ -162,7 +162,11 @@ def stacked(title: str, panels: Sequence[Panel], note: str = "", height: float =
 
 def line(x: Array, y: Array, name: str, colour: str = "blue", **look: object) -> Series:
     """A curve, thinned to a plot's resolution, with a break where x jumps."""
-    return Series(*_thinned(np.asarray(x, dtype=float), np.asarray(y, dtype=float)), name, colour, **look)  # type: ignore[arg-type]
+    every = _every(len(x))
+    x, y = (np.asarray(values, dtype=float)[every] for values in (x, y))
+    jumps = _jumps(x)
+    broken = np.insert(x, jumps, x[jumps - 1]), np.insert(y, jumps, np.nan)
+    return Series(*broken, name, colour, **look)  # type: ignore[arg-type]
 
 
 def band(x: Array, value: Array, std: Array, colour: str = "blue", name: str = "± 2 standard deviations") -> Series:
@@ -170,13 +174,6 @@ def band(x: Array, value: Array, std: Array, colour: str = "blue", name: str = "
     every = _every(len(x))
     x, value, std = (np.asarray(values, dtype=float)[every] for values in (x, value, std))
     return Series(*_outlines(x, value + 2.0 * std, value - 2.0 * std), name, colour, width=0.0, fill="self")
-
-
-def _thinned(x: Array, y: Array) -> tuple[Array, Array]:
-    every = _every(len(x))
-    x, y = x[every], y[every]
-    jumps = _jumps(x)
-    return np.insert(x, jumps, x[jumps - 1]), np.insert(y, jumps, np.nan)
 
 
 def _every(count: int, most: int = 1000) -> slice:

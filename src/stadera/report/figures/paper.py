@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,19 +22,9 @@ if TYPE_CHECKING:
 SUFFIXES = (".pdf", ".png", ".svg")
 _MARKERS = {"dot": "o", "ring": "o", "diamond": "D", "plus": "+", "cross": "x"}
 _FONT = {"font.size": 8.0, "axes.titlesize": 8.0, "legend.fontsize": 7.5, "svg.fonttype": "none", "pdf.fonttype": 42}
+_SIZES = {"width": 7.1, "px": 0.0088, "dpi": 300.0}
+"""In inches, two columns of an IEEE paper and a pixel of a page, whose proportions are kept; and dots per inch."""
 _TINTS = {"observable": "green-tint", "partial": "gray-tint", "unobservable": "red-tint"}
-
-
-@dataclass(frozen=True)
-class _Paper:
-    """Sizes of a figure."""
-
-    width: float = 7.1  # in, two columns of an IEEE paper
-    px: float = 0.0088  # in per pixel of a page: the page's proportions in that width
-    dpi: int = 300
-
-
-_PAPER = _Paper()
 
 
 def check_figure(path: AnyPath) -> None:
@@ -49,7 +38,7 @@ def save(drawn: Drawn, path: AnyPath) -> None:
     """Writes a figure, in the format of the path's suffix. Errors as `check_figure`."""
     check_figure(path)
     with _matplotlib().rc_context(_FONT):
-        drawn.savefig(path, dpi=_PAPER.dpi)
+        drawn.savefig(path, dpi=_SIZES["dpi"])
 
 
 def drawn(figures: Mapping[str, Figure | TableData], name: str | None = None) -> Drawn:
@@ -79,8 +68,8 @@ def _matplotlib() -> Any:
 
 def _figure(figure: Figure) -> Drawn:
     columns = max(map(len, figure.rows))
-    tall = _PAPER.px * sum(_tall(figure, row) for row in figure.rows) + 0.35
-    drawn: Drawn = _matplotlib().figure.Figure(figsize=(_PAPER.width, tall), layout="constrained")
+    tall = _SIZES["px"] * sum(_tall(figure, row) for row in figure.rows) + 0.35
+    drawn: Drawn = _matplotlib().figure.Figure(figsize=(_SIZES["width"], tall), layout="constrained")
     shares = [panel.share for panel in max(figure.rows, key=len)]
     axes = drawn.subplots(
         len(figure.rows), columns, squeeze=False, sharex="col" if figure.shared else False, width_ratios=shares
@@ -209,10 +198,10 @@ def _table(table: TableData) -> Drawn:
     texts = [[f"{cell.marked}  {cell.note}".strip() for cell in row] for row in cells]
     tints = [[light(_TINTS[cell.mark.word] if cell.mark else "paper") for cell in row] for row in cells]
     wide = np.array([max(map(len, column)) + 3 for column in zip(table.head, *texts, strict=True)])
-    size = min(8.0, 72.0 * _PAPER.width / wide.sum() / 0.56)
+    size = min(8.0, 72.0 * _SIZES["width"] / wide.sum() / 0.56)
     lines = len(cells) + 1
     tall = 1.75 * size / 72.0 * (lines + 1.5)
-    drawn: Drawn = _matplotlib().figure.Figure(figsize=(_PAPER.width, tall), layout="constrained")
+    drawn: Drawn = _matplotlib().figure.Figure(figsize=(_SIZES["width"], tall), layout="constrained")
     place = drawn.add_subplot()
     place.set_axis_off()
     place.set_title(table.title, loc="left")

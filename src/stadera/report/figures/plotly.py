@@ -90,25 +90,24 @@ def data(figure: Figure) -> Markup:
 # -- traces -----------------------------------------------------------------------------------------------------------
 def _traces(panel: Panel, k: int, shared: dict[str, int]) -> Iterator[dict[str, Any]]:
     bars = [mark for mark in panel.marks if isinstance(mark, Bars)]
+    thick = 0.75 / max(len(bars), 1)
     for mark in panel.marks:
-        trace = _bar(mark, bars) if isinstance(mark, Bars) else _curve(mark, panel, shared)
+        if isinstance(mark, Bars):
+            offset = thick * ([bar is mark for bar in bars].index(True) - 0.5 * len(bars))
+            trace = {
+                "type": "bar",
+                "orientation": "h",
+                "x": _packed(mark.values),
+                "y": list(range(len(mark.values))),
+                "offset": offset,
+                "width": 0.92 * thick,
+                "marker": {"color": f"var(--{mark.colour})"},
+                "hovertemplate": "%{x:.3g}",
+            }
+        else:
+            trace = _curve(mark, panel, shared)
         place = {"xaxis": f"x{k}", "yaxis": f"y{k}", "name": mark.name, "legendgroup": mark.name}
         yield {key: value for key, value in (trace | place).items() if value is not None}
-
-
-def _bar(bars: Bars, beside: list[Bars]) -> dict[str, Any]:
-    thick = 0.75 / len(beside)
-    k = next(k for k, other in enumerate(beside) if other is bars)
-    return {
-        "type": "bar",
-        "orientation": "h",
-        "x": _packed(bars.values),
-        "y": list(range(len(bars.values))),
-        "offset": thick * (k - 0.5 * len(beside)),
-        "width": 0.92 * thick,
-        "marker": {"color": f"var(--{bars.colour})"},
-        "hovertemplate": "%{x:.3g}",
-    }
 
 
 def _curve(series: Series, panel: Panel, shared: dict[str, int]) -> dict[str, Any]:
@@ -187,7 +186,7 @@ def _layout(figure: Figure, room: Room) -> dict[str, Any]:
     over_time = not any(panel.equal or panel.y.labels or panel.x.labels for panel in figure.panels)
     layout: dict[str, Any] = {
         "height": height(figure, room),
-        "margin": {"l": room.left, "r": 12, "t": room.legend_height(figure), "b": 0},
+        "margin": {"l": room.left, "r": 12.0, "t": room.legend_height(figure), "b": 0},
         "hovermode": "x unified" if over_time and figure.entries else "closest",
         "shapes": [],
         "annotations": [],
@@ -207,7 +206,9 @@ def _layout(figure: Figure, room: Room) -> dict[str, Any]:
             layout["shapes"].append(_shape(guide, k) | shown)
             named.add(guide.name)
         if panel.title:
-            layout["annotations"].append(_heading(panel.title, left, 1.0 - top / tall))
+            place = {"x": left, "y": 1.0 - top / tall, "xref": "paper", "yref": "paper", "yanchor": "bottom"}
+            look = {"showarrow": False, "xanchor": "left", "font": {"color": "var(--ink)", "size": 13}}
+            layout["annotations"].append({"text": panel.title, **place, **look})
     return layout
 
 
@@ -235,8 +236,3 @@ def _shape(guide: Guide, k: int) -> dict[str, Any]:
     if guide.end is None:
         return shape | {"type": "line", "line": {"color": colour, "dash": "dot", "width": 1.5}}
     return shape | {"type": "rect", "fillcolor": f"{colour}{_SHADE}", "line": {"width": 0}, "layer": "below"}
-
-
-def _heading(text: str, left: float, top: float) -> dict[str, Any]:
-    place = {"xref": "paper", "yref": "paper", "x": left, "y": top, "xanchor": "left", "yanchor": "bottom"}
-    return {"text": text, "showarrow": False, "font": {"color": "var(--ink)", "size": 13}, **place}

@@ -13,15 +13,12 @@ import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
 from stadera.report.figures.model import Series
-from stadera.robot.extra import ExtraJoints
 from stadera.robot.kinematics import forward_kinematics
 from stadera.robot.model import Leg, Robot, Shape
 from stadera.types import Array
 
 Kind = Literal["body", "limb", "drive", "foot"]
 _COLOURS: dict[Kind, str] = {"limb": "limb", "drive": "drive", "body": "shell", "foot": "foot"}
-_ROUNDING = 0.3  # radius of a body's edges, share of its least edge
-_ARM = 0.09  # radius of limbs outside the legs, share of half the legs' length
 _ANGLES = np.linspace(0.0, 2.0 * np.pi, 25)[:-1]
 _CIRCLE = np.column_stack([np.cos(_ANGLES), np.sin(_ANGLES)])
 
@@ -114,7 +111,7 @@ def outline(points: Array) -> Array:
 def _body(robot: Robot) -> Iterator[Part]:
     """The trunk's box, rounded; without one, the hull of what hangs from the trunk."""
     if (box := trunk_box(robot)) is not None:
-        radius = _ROUNDING * min(box.size)
+        radius = 0.3 * min(box.size)
         signs = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
         corners = (signs * (0.5 * np.array(box.size) - radius)) @ box.rotation.T + box.translation
         yield Part("body", 0, corners, np.full(8, radius))
@@ -130,18 +127,13 @@ def _outside(robot: Robot) -> Iterator[Part]:
     extra = robot.extra
     if extra is None:
         return
-    first, radius = len(robot.tree.links), 0.5 * _ARM * robot.leg_length
+    first, radius = len(robot.tree.links), 0.045 * robot.leg_length
     for k in range(len(extra.joints)):
-        ends = _ends(extra, k)
+        ends = [extra.translations[c] for c, parent in enumerate(extra.parents) if parent == k]
+        ends = ends or [extra.bodies[k].com]  # where the next joints are, else the centre of mass
         kind: Kind = "body" if len(ends) > 1 and max(np.linalg.norm(ends, axis=1)) > 4.0 * radius else "limb"
         wide = 2.0 * radius if kind == "body" else radius
         yield Part(kind, first + k, np.array([np.zeros(3), *ends]), np.full(len(ends) + 1, wide))
-
-
-def _ends(extra: ExtraJoints, joint: int) -> list[Array]:
-    """Where a link's next joints are, else its centre of mass."""
-    after = [extra.translations[c] for c, parent in enumerate(extra.parents) if parent == joint]
-    return after or [extra.bodies[joint].com]
 
 
 def _disc(part: Part, view: Array) -> Array:

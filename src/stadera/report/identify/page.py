@@ -118,7 +118,6 @@ def _cards(errors: dict[str, float]) -> list[dict[str, str]]:
 
 
 def _leg(leg: LegIdentification, part: str, trust: Trust) -> dict[str, object]:
-    """The template's values for a leg."""
     seen = leg.estimate.observability
     drawn = (torque_figure(leg), error_figure(leg), spread_figure(leg, part))
     return {

@@ -16,8 +16,7 @@ from stadera.identify.observability import Identifiability
 from stadera.identify.result import MODELS, Identification, LegIdentification, Quantity
 from stadera.inertia import ORDER
 from stadera.report.numbers import compared, counted, listed, number, with_std
-from stadera.report.table import Cell, TableData
-from stadera.report.terminal import legend, rich_table
+from stadera.report.table import Cell, TableData, legend, rich_table
 from stadera.report.trust import LEVELS, STYLES, Level, marked, trust_text
 
 _NUMBER = re.compile(r"(?<![\w.])\d+(?:\.\d+)?(?![\w])")

@@ -12,8 +12,7 @@ from rich.text import Text
 
 from stadera.inertia import ORDER
 from stadera.report.numbers import counted, fixed, listed, number, with_scale, with_std
-from stadera.report.table import SHOWN, Cell, Row, TableData
-from stadera.report.terminal import notes, rich_table
+from stadera.report.table import SHOWN, Cell, Row, TableData, notes, rich_table
 from stadera.report.trust import LEVELS, STYLES, UNTRUSTED, trust_reasons, trust_text
 from stadera.trunk.load import scale_of
 from stadera.types import Array
@@ -55,7 +54,7 @@ def bodies_table(result: Weighing, truth: Truth | None = None) -> TableData:
 def inertia_table(result: Weighing) -> TableData | None:
     """Inertia of trunk and payload, each with its own reference point; None if neither was observed."""
     found, prior, payload = result.trunk, result.robot.inertias[result.robot.trunk], result.payload
-    rows: dict[str, list[tuple[str | Cell, ...]]] = {}
+    rows: dict[str, list[Row]] = {}
     if found.observed[4:].all():
         rows[f"trunk with all on it, frame {result.robot.trunk!r}, about the frame's origin, its axes"] = [
             ("CAD", *map(number, prior.vector[4:].tolist())),
@@ -124,7 +123,7 @@ def refusals_table(result: Weighing, most: int) -> TableData:
     return TableData.of("Times not used", ("time", "because"), rows, sides="lw")
 
 
-def _bodies(result: Weighing, truth: Truth | None) -> Iterator[tuple[str | Cell, ...]]:
+def _bodies(result: Weighing, truth: Truth | None) -> Iterator[Row]:
     prior, payload = result.robot.inertias[result.robot.trunk], result.payload
     yield "trunk, CAD", number(prior.mass), *_exact(prior.com)
     found = np.array([result.mass, *result.com]), np.array([result.mass_std, *result.com_std])
@@ -164,7 +163,11 @@ def weighing_tables(result: Weighing, truth: Truth | None = None) -> Iterator[Re
     said = (inertia_missing(result), *processing(result).values(), drives_text(result))
     yield from (Text(text, style="dim") for text in said if text)
     yield from notes(result.notes)
-    yield from _refusals(result)
+    longest = sorted(result.refusals, key=lambda r: r.begin - r.end)[: SHOWN.reasons]
+    for refusal in sorted(longest, key=lambda r: r.begin):
+        yield Text(f"not used: {refusal.begin:.2f} to {refusal.end:.2f} s: {refusal.reason}", style="yellow")
+    if (more := len(result.refusals) - len(longest)) > 0:
+        yield Text(f"and {counted(more, 'shorter time')}", style="yellow")
     yield from (Text(step_text(step), style="yellow") for step in result.next)
     yield Text(
         f"{headline(result)}; trust: {trust_text(result.trust)}",
@@ -172,17 +175,7 @@ def weighing_tables(result: Weighing, truth: Truth | None = None) -> Iterator[Re
     )
 
 
-def _refusals(result: Weighing) -> Iterator[Text]:
-    """The longest periods that were not used, and why."""
-    longest = sorted(result.refusals, key=lambda r: r.begin - r.end)[: SHOWN.reasons]
-    for refusal in sorted(longest, key=lambda r: r.begin):
-        yield Text(f"not used: {refusal.begin:.2f} to {refusal.end:.2f} s: {refusal.reason}", style="yellow")
-    if (more := len(result.refusals) - len(longest)) > 0:
-        yield Text(f"and {more} shorter times", style="yellow")
-
-
 _AXES = ("place along the trunk", "place across the trunk", "height")
-_MOST = 0.8  # share of a variance from which it counts as all of it
 _SIDES = (("ahead of", "behind"), ("left of", "right of"), ("above", "below"))
 
 
@@ -205,21 +198,17 @@ def headline(result: Weighing) -> str:
 def where(result: Weighing) -> str:
     """Where the centre of mass of the payload, or without a tare of the trunk, is, one sentence."""
     body, payload = result if result.payload is None else result.payload, result.payload
-    std = body.com_std
+    com, std = (1e3 * values for values in (body.com, body.com_std))  # mm
     seen = [k for k in range(3) if isfinite(std[k])]
     if not seen:
         return f"At {payload.at}; its centre was not observed." if payload and payload.at else "Not observed."
     if payload is not None and payload.at:
-        along = ", ".join(f"{'xyz'[k]} {_millimetres(body.com, std, k)}" for k in seen)
+        along = ", ".join(f"{'xyz'[k]} {with_std(float(com[k]), float(std[k]))}" for k in seen)
         return f"At {along} mm in the frame of {payload.at}."
-    said = [f"{_millimetres(abs(body.com), std, k)} mm {_SIDES[k][int(body.com[k] < 0.0)]}" for k in seen]
+    said = [f"{with_std(abs(float(com[k])), float(std[k]))} mm {_SIDES[k][int(com[k] < 0.0)]}" for k in seen]
     lacking = [_AXES[k] for k in range(3) if k not in seen]
     hidden = f"; its {listed(lacking)} {'was' if len(lacking) == 1 else 'were'} not observed" if lacking else ""
     return f"{listed(said)} the trunk's origin{hidden}."
-
-
-def _millimetres(com: Array, std: Array, k: int) -> str:
-    return with_std(1e3 * float(com[k]), 1e3 * float(std[k]))
 
 
 def how_sure(result: Weighing) -> str:
@@ -236,7 +225,7 @@ def how_sure(result: Weighing) -> str:
     if not std:
         return f"Good to 0 %. {between}."
     share = (scale_of(mass, std, alone) or 0.0) ** 2 / (std / mass) ** 2
-    words = ("hardly any", "part", "all")[(share > 1.0 - _MOST) + (share > _MOST)]
+    words = "hardly any" if share < 0.2 else "part" if share < 0.8 else "all"
     of = "" if alone is None else f", {words} of it the torques' scale"
     return f"Good to {number(100.0 * std / abs(mass), 2)} %{of}. {between}."
 

@@ -12,8 +12,7 @@ from stadera.lab.demo import DemoResult
 from stadera.lab.demo.schema import true_load
 from stadera.lab.experiments.loaded_walk import LoadedWalkOutcome, WalkOutcome
 from stadera.report.numbers import number, with_std
-from stadera.report.table import Cell, Row, TableData
-from stadera.report.terminal import rich_table
+from stadera.report.table import Cell, Row, TableData, rich_table
 from stadera.report.weigh.tables import place
 
 NAMES = ("without identification", "with identification")
