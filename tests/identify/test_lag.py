@@ -25,7 +25,7 @@ def late(recording: Recording, delay: float) -> Recording:
 def found(recording: Recording, cutoff: float | None = 25.0, search: LagSettings | None = None) -> float:
     settings = Preprocessing(cutoff)
     stretches = list(preprocess_stream([recording], settings, recording.joints))
-    return estimate_lag(stretches, [leg_regressor(hyq(), friction=True)], UP, search).value
+    return estimate_lag(stretches, [leg_regressor(hyq(), friction=True)], UP, search)[0]
 
 
 @pytest.mark.parametrize("rate", [200.0, 1000.0])
@@ -66,4 +66,4 @@ def test_a_log_too_short_to_tell_has_none(samples: int) -> None:
     recording = cut(run(DRIVE), 1000, 1000 + samples)
     assert np.ptp(recording.time) < 3 * LagSettings().latest
     assert found(recording, cutoff=None) == 0.0
-    assert estimate_lag([], [leg_regressor(hyq(), friction=True)], UP).value == 0.0
+    assert estimate_lag([], [leg_regressor(hyq(), friction=True)], UP)[0] == 0.0

@@ -343,14 +343,6 @@ def test_covariance_is_that_of_the_dense_posterior() -> None:
 
 
 @pytest.mark.parametrize("solve", SOLUTIONS)
-def test_residual_is_one_where_noise_and_model_are_right(solve) -> None:
-    right, _ = solved(solve, noise=0.5)
-    assert right.residual == pytest.approx(1.0, abs=0.05)
-    wrong, _ = solved(solve, noise=0.5, std=0.25)
-    assert wrong.residual == pytest.approx(2.0, abs=0.1)
-
-
-@pytest.mark.parametrize("solve", SOLUTIONS)
 def test_information_on_more_than_is_asked_for(solve) -> None:
     """Columns that the prior does not name are left free."""
     regressor = leg_regressor(hyq(), friction=True)

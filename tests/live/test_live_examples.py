@@ -17,7 +17,7 @@ from on_zenoh import PATIENCE, Listener
 import bags
 from stadera.live import LiveSession
 from stadera.live.link import Endpoints
-from stadera.live.run import LiveSource, run
+from stadera.live.run import run
 from stadera.logs import LogFile, Recording, Topics
 from stadera.robot import Robot
 
@@ -55,7 +55,7 @@ def test_a_loop_of_ones_own(
     stop, unit = threading.Event(), walk.imu
     assert unit is not None
     session = LiveSession(robot)
-    thread = threading.Thread(target=run, args=(session, LiveSource(Endpoints(listen=(endpoint,)), Topics()), stop))
+    thread = threading.Thread(target=run, args=(session, Endpoints(listen=(endpoint,)), Topics(), stop))
     thread.start()
     try:
         listener.until(lambda state: True)
@@ -77,8 +77,9 @@ def test_a_loop_of_ones_own(
 
 def test_the_client_follows_a_replay(robot: Robot, walk_file: Path, endpoint: str) -> None:
     stop = threading.Event()
-    source = LiveSource(Endpoints(listen=(endpoint,)), Topics(), LogFile(walk_file), rate=0.5)
-    thread = threading.Thread(target=run, args=(LiveSession(robot), source, stop))
+    where = (Endpoints(listen=(endpoint,)), Topics())
+    replayed = {"log": LogFile(walk_file), "rate": 0.5}
+    thread = threading.Thread(target=run, args=(LiveSession(robot), *where, stop), kwargs=replayed)
     thread.start()
     command = [sys.executable, str(EXAMPLES / "live_client.py"), endpoint, "4"]
     done = subprocess.run(command, capture_output=True, text=True, check=False)

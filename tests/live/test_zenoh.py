@@ -19,7 +19,7 @@ from bags import TYPES
 from stadera.live import LiveSession, keys
 from stadera.live.link import Endpoints
 from stadera.live.messages import TRIGGER_HASH, type_hash
-from stadera.live.run import LiveSource, run
+from stadera.live.run import run
 from stadera.logs import Recording, Topics, read
 from stadera.robot import Robot
 from stadera.robot.imu import ImuMount
@@ -34,8 +34,7 @@ INERTIA = "geometry_msgs/msg/InertiaStamped"
 def live(robot: Robot, endpoint: str) -> Iterator[LiveSession]:
     """A session that listens; ended at the end of the test."""
     session, stop = LiveSession(robot, imu_frame=ImuMount.of(robot).name), threading.Event()
-    source = LiveSource(Endpoints(listen=(endpoint,)), Topics())
-    thread = threading.Thread(target=run, args=(session, source, stop))
+    thread = threading.Thread(target=run, args=(session, Endpoints(listen=(endpoint,)), Topics(), stop))
     thread.start()
     yield session
     stop.set()
@@ -138,6 +137,6 @@ def test_nobody_there(robot: Robot, endpoint: str) -> None:
     stop = threading.Event()
     threading.Timer(1.0, stop.set).start()
     begun = time.monotonic()
-    state = run(LiveSession(robot), LiveSource(Endpoints(connect=(endpoint,)), Topics()), stop)
+    state = run(LiveSession(robot), Endpoints(connect=(endpoint,)), Topics(), stop)
     assert state.waiting_for
     assert time.monotonic() - begun < PATIENCE

@@ -58,14 +58,14 @@ def live(
     from stadera.files import written_together
     from stadera.live import LiveSession
     from stadera.live.link import Endpoints
-    from stadera.live.run import LiveSource, run
+    from stadera.live.run import run
     from stadera.logs.topics import AS_RECORDED
     from stadera.report.live import live_summary
 
     model = weighed.model(robot, options.reading.limits)
     check_outputs((record, weighed.rrd, weighed.memory))
     known = weighed.remembered(model)
-    where = LiveSource(Endpoints(tuple(connect or ()), tuple(listen or ()), config), options.topics, log, rate)
+    where = Endpoints(tuple(connect or ()), tuple(listen or ()), config)
     with weighed.watching(model) as watch, written_together([] if record is None else [record]) as drafts:
         reading = options.reading if log is None else AS_RECORDED  # a log is read with it
         session = LiveSession(
@@ -73,7 +73,7 @@ def live(
             tare_after=tare, memory=known, at=weighed.at,
         )  # fmt: skip
         with _until_stopped() as stop, _shown(session.tare) as sink:
-            last = run(session, where, stop, [sink], drafts[0] if drafts else None)
+            last = run(session, where, options.topics, stop, [sink], drafts[0] if drafts else None, log, rate)
     show(live_summary(last))
     if weighed.memory is not None:
         learnt, said = session.remembered()

@@ -309,12 +309,11 @@ def _estimated_lag(
     joints = tuple(joint for task in tasks for joint in task.leg.joints)
     stretches = [p for r in recordings for p in preprocess_stream([r], Preprocessing(cutoff), joints) if len(p)]
     search = asked.signals.lag
-    lag = estimate_lag(stretches, [task.regressor for task in tasks], vertical.up, search)
-    found, fall = f"{1e3 * lag.value:.1f} ms", 100 * (1 - lag.variance_ratio)
-    if min(abs(lag.value - search.earliest), abs(lag.value - search.latest)) < search.step / 2:
-        return lag.value, (f"torque lag at the end of the search, {found}: look at the stamps of the log",)
-    note = f"torque lag estimated at {found}; it lowers the residuals' variance by {fall:.0f} %"
-    return lag.value, (note,) if lag.value else ()
+    lag, ratio = estimate_lag(stretches, [task.regressor for task in tasks], vertical.up, search)
+    if min(abs(lag - search.earliest), abs(lag - search.latest)) < search.step / 2:
+        return lag, (f"torque lag at the end of the search, {1e3 * lag:.1f} ms: look at the stamps of the log",)
+    fall = f"it lowers the residuals' variance by {100 * (1 - ratio):.0f} %"
+    return lag, (f"torque lag estimated at {1e3 * lag:.1f} ms; {fall}",) if lag else ()
 
 
 def parts_of(job: Job, logs: Sequence[Log], validation: Sequence[Log] | None) -> tuple[Part, Part | None, str | None]:

@@ -17,7 +17,6 @@ from zero lag is used, since over long shifts one joint term can mimic another.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -29,22 +28,16 @@ from stadera.logs.processing import Processed
 from stadera.types import Array, Bools
 
 
-@dataclass(frozen=True)
-class TorqueLag:
-    """The lag [s], and the ratio of the residuals' variance with it to that without it."""
-
-    value: float
-    variance_ratio: float
-
-
 def estimate_lag(
     processed: Sequence[Processed],
     regressors: Sequence[JointTorqueRegressor],
     trunk_up: Array,
     settings: LagSettings | None = None,
-) -> TorqueLag:
-    """Estimates the lag of the efforts in stretches without gaps, preprocessed without lag compensation, samples at
-    rest included. One regressor for each leg; `trunk_up` (3,) is the vertical in trunk axes.
+) -> tuple[float, float]:
+    """Estimates the lag of the efforts [s], and the ratio of the residuals' variance with it to that without it.
+
+    The stretches have no gaps, are preprocessed without lag compensation, and keep samples at rest. One regressor for
+    each leg; `trunk_up` (3,) is the vertical in trunk axes.
     """
     search = settings or LagSettings()
     lags = np.arange(search.earliest, search.latest + search.step / 2, search.step)
@@ -60,7 +53,7 @@ def estimate_lag(
                 samples += len(block)
     best, ratio = _vertex(lags, np.exp((cost - cost[at_zero]) / max(samples, 1)), at_zero)
     significant = ratio < 1.0 - search.noticeable and abs(best) > search.resolution
-    return TorqueLag(best, ratio) if significant else TorqueLag(0.0, 1.0)
+    return (best, ratio) if significant else (0.0, 1.0)
 
 
 def _delayed(

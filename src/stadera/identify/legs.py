@@ -307,7 +307,6 @@ def _leg_result(
         combinations=tuple(_known(found, estimate) for found in structure.combinations()),
         structural_rank=structure.rank,
         noise=data.noise,
-        correlation=data.correlation,
         rmse={part: score.rmse for part, score in scores.items() if score.samples},
         traces=tuple(score.trace(part) for part, score in scores.items()),
         information=data.whitened(task.fixed),

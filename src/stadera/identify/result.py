@@ -94,7 +94,6 @@ class LegIdentification:
         combinations: combinations that motion on a held trunk can determine, and how well this log determines them.
         structural_rank: rank of the regressor for rich motion without noise; this log's rank is in the estimate.
         noise: by joint, standard deviation of the torque residual [N·m].
-        correlation: by joint, number of samples that count as one independent sample.
         rmse: by part, model and joint [N·m].
         traces: for plots.
         information: of the training rows, in units of their noise; None if it was not kept.
@@ -111,7 +110,6 @@ class LegIdentification:
     combinations: tuple[KnownCombination, ...] = ()
     structural_rank: int = 0
     noise: Mapping[str, float] = field(default_factory=dict)
-    correlation: Mapping[str, float] = field(default_factory=dict)
     rmse: Mapping[str, Mapping[str, Mapping[str, float]]] = field(default_factory=dict)
     traces: tuple[TorqueTrace, ...] = ()
     warnings: tuple[str, ...] = ()

@@ -56,7 +56,6 @@ class Estimate:
     covariance: Array
     prior: Prior  # of the parameters
     observability: Observability  # of the parameters
-    residual: float  # root mean square of the rows' residuals in units of their noise; 1 if noise and model are right
     method: str  # "null-space" or "consistent"
     held: tuple[str, ...] = ()  # masses that were fixed at CAD because they are not observable
 
@@ -104,7 +103,7 @@ def null_space_solution(information: Information, prior: Prior, settings: Solver
     positive = signed(prior)
     rounding = (values[positive] < 0) & (values[positive] > -1e-9 * prior.scales[positive])
     values[positive] = np.where(rounding, 0.0, values[positive])
-    return _estimate(data, prior, seen, values, covariance, "null-space", held)
+    return Estimate(prior.columns, values, covariance, prior, seen, "null-space", tuple(f"{link}.m" for link in held))
 
 
 def consistent_solution(information: Information, prior: Prior, settings: SolverSettings | None = None) -> Estimate:
@@ -143,7 +142,7 @@ def consistent_solution(information: Information, prior: Prior, settings: Solver
     # a fixed mass has an error of its prior width, which propagates to the parameters correlated with it
     moved = ahead - (scaled / weight**2) @ (s[:, None] * (U.T @ (data.R @ ahead)))
     covariance = (scaled / weight**2) @ scaled.T + moved @ moved.T
-    return _estimate(data, prior, seen, values, covariance, "consistent", links)
+    return Estimate(prior.columns, values, covariance, prior, seen, "consistent", tuple(f"{link}.m" for link in links))
 
 
 def _constrained(
@@ -251,21 +250,6 @@ def signed(prior: Prior) -> list[int]:
 
 def _on(prior: Prior, information: Information) -> Information:
     return information if information.names == prior.columns else information.marginal(prior.columns)
-
-
-def _estimate(
-    data: Information,
-    prior: Prior,
-    seen: Observability,
-    values: Array,
-    covariance: Array,
-    method: str,
-    held: Sequence[str],
-) -> Estimate:
-    freedom = max(data.count - seen.rank, 1.0)
-    residual = float(np.sqrt(data.residual_squared(values) / freedom))
-    masses = tuple(f"{link}.m" for link in held)
-    return Estimate(prior.columns, values, covariance, prior, seen, residual, method, masses)
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,6 @@ The worker's thread does all the work; sources of messages only queue them.
 
 from stadera.live.run import Worker
 from stadera.live.session import Answer, LiveSession
-from stadera.live.state import Lag, LiveSettings, LiveState
+from stadera.live.state import LiveSettings, LiveState
 
-__all__ = ["Answer", "Lag", "LiveSession", "LiveSettings", "LiveState", "Worker"]
+__all__ = ["Answer", "LiveSession", "LiveSettings", "LiveState", "Worker"]

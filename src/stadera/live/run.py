@@ -7,7 +7,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -134,28 +134,22 @@ class Worker:
             sink(state)
 
 
-@dataclass(frozen=True)
-class LiveSource:
-    """Source of the messages: topics at Zenoh endpoints, where results are published even if a log is replayed instead,
-    `rate` times as fast as recorded.
-    """
-
-    endpoints: Endpoints
-    topics: Topics
-    log: LogFile | None = None
-    rate: float = 1.0
-
-
 @one_thread()
 def run(
     session: LiveSession,
-    source: LiveSource,
+    endpoints: Endpoints,
+    topics: Topics,
     stop: threading.Event,
     sinks: Sequence[Callable[[LiveState], None]] = (),
     record: Path | None = None,
+    log: LogFile | None = None,
+    rate: float = 1.0,
 ) -> LiveState:
-    """Runs until `stop` is set or the log ends, and returns the last state. The sinks are called with every state, in
-    the worker's thread; the record of received and sent messages is complete on return.
+    """Runs until `stop` is set or the log ends, and returns the last state.
+
+    Messages are of these topics at Zenoh endpoints, where results are published even if a log is replayed instead,
+    `rate` times as fast as recorded. The sinks are called with every state, in the worker's thread; the record of
+    received and sent messages is complete on return.
 
     Raises:
         MissingExtraError: zenoh is not installed. StaderaError: Zenoh cannot be started.
@@ -166,17 +160,17 @@ def run(
     link: ZenohLink | None = None
     try:
         requests = {TARE: session.tare, RESET: session.reset}
-        put = worker.put if source.log is None else None
-        link = ZenohLink(source.endpoints, source.topics, put, requests, worker.ask)
+        put = worker.put if log is None else None
+        link = ZenohLink(endpoints, topics, put, requests, worker.ask)
         session.intake.announced = link.announced
         worker.sinks = (link.publish, *([] if recorder is None else [recorder.sent]), *sinks)
         # the collector of cyclic garbage would look through all modules and models now and then, for up to 80 ms
         gc.collect()
         gc.freeze()
         worker.start()
-        if source.log is not None:
+        if log is not None:
             frame, fix = session.imu_frame, session.fix
-            replay(source.log, session.robot, worker, stop, source.rate, imu_frame=frame, fix=fix)
+            replay(log, session.robot, worker, stop, rate, imu_frame=frame, fix=fix)
         else:
             while not stop.wait(0.05) and worker.failure is None:  # s, until a failure of the worker is noticed
                 pass

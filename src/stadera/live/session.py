@@ -10,7 +10,7 @@ from stadera.checks import FATAL, Finding, diagnose
 from stadera.constants import DAY
 from stadera.errors import RecordingError, StaderaError
 from stadera.live.intake import Intake
-from stadera.live.state import Lag, LiveSettings, LiveState
+from stadera.live.state import LiveSettings, LiveState
 from stadera.live.topics import Arrival
 from stadera.logs.mend import Change, changed
 from stadera.logs.recording import Recording, concatenate
@@ -225,7 +225,7 @@ class LiveSession:
             trust=self._trust(estimator),
             rates={name: topic.look(now) for name, topic in sorted(intake.seen.items())},
             lost=intake.losses,
-            lag=Lag(now - self._arrived, behind if abs(behind) < self.settings.clocks_apart else np.nan),
+            lag=(now - self._arrived, behind if abs(behind) < self.settings.clocks_apart else np.nan),
             waiting_for=self._lacking(now if until is None else until),
             notes=tuple(intake.notes),
             spikes=estimator.spikes,

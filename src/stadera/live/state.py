@@ -52,16 +52,6 @@ BODY = ("mass [kg]", "com x [m]", "com y [m]", "com z [m]")
 
 
 @dataclass(frozen=True, eq=False)
-class Lag:
-    """Age of the estimate [s]: from the arrival of the newest message used until now, and from its stamp until now on
-    this machine's clock, meaningful if the clocks agree. NaN before the first.
-    """
-
-    processing: float = float("nan")
-    stamp: float = float("nan")
-
-
-@dataclass(frozen=True, eq=False)
 class LiveState:
     """State at one instant."""
 
@@ -78,7 +68,9 @@ class LiveState:
     # number of messages that did not reach the estimator, by reason: "network", "queue", "damaged", "left out"
     # (repeated stamps, a second publisher, missing values)
     lost: Mapping[str, int]
-    lag: Lag
+    # age of the estimate [s]: from the arrival of the newest message used until now, and from its stamp until now on
+    # this machine's clock, meaningful if the clocks agree; NaN before the first
+    lag: tuple[float, float]
     waiting_for: tuple[str, ...] = ()  # missing input, one sentence each; empty while samples arrive
     notes: tuple[str, ...] = ()  # events, one sentence each
     spikes: int = 0  # samples of which single wild values were replaced since the estimates began
@@ -107,7 +99,7 @@ class LiveState:
             "trust": self.trust.to_dict(),
             "rates": {topic: round(rate, 2) for topic, rate in self.rates.items()},
             "lost": dict(self.lost),
-            "lag": {"processing": finite_or_none(self.lag.processing), "stamp": finite_or_none(self.lag.stamp)},
+            "lag": dict(zip(("processing", "stamp"), map(finite_or_none, self.lag), strict=True)),
             "waiting_for": list(self.waiting_for),
             "notes": list(self.notes),
             "spikes": self.spikes,
@@ -150,5 +142,5 @@ class LiveState:
         shown["lost"] = ", ".join(f"{where} {count}" for where, count in self.lost.items() if count) or "none"
         shown["outliers replaced"] = f"{self.spikes}"
         shown["left out for impacts [s]"] = f"{self.impacts:.2f}"
-        shown["lag [ms]"] = number(1e3 * self.lag.processing, 3, "none yet")
+        shown["lag [ms]"] = number(1e3 * self.lag[0], 3, "none yet")
         return shown

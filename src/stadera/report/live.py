@@ -94,7 +94,7 @@ def _changes(state: LiveState) -> Table:
 def _health(state: LiveState) -> Text:
     rates = ", ".join(f"{topic} {rate:.0f} Hz" for topic, rate in state.rates.items()) or "no messages"
     lost = ", ".join(f"{count} {where}" for where, count in state.lost.items() if count) or "none"
-    lag = f"; lag {number(1e3 * state.lag.processing, 2)} ms" if isfinite(state.lag.processing) else ""
+    lag = f"; lag {number(1e3 * state.lag[0], 2)} ms" if isfinite(state.lag[0]) else ""
     spikes = f"; outliers replaced: {state.spikes}" if state.spikes else ""
     impacts = f"; left out for impacts: {state.impacts:.2f} s" if state.impacts else ""
     return Text(f"{rates}; lost: {lost}{spikes}{impacts}{lag}", style="dim")

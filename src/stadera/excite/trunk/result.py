@@ -151,12 +151,10 @@ class Interface:
     """What a robot's own body control takes.
 
     Attributes:
-        summary: one line on what plays the motion.
         axes: coordinates of the trunk that it takes.
         rate: of commands [Hz].
     """
 
-    summary: str
     axes: tuple[str, ...]
     rate: float
 
@@ -165,12 +163,14 @@ _TURNS = ("roll", "pitch", "yaw")
 
 INTERFACES: Mapping[str, Interface] = MappingProxyType(
     {
-        "unitree": Interface("sport mode of a Go2 or B2 by unitree_sdk2py", (*_TURNS, "z"), 20.0),
-        "spot": Interface("body control of a Spot by bosdyn-client", (*_TURNS, "z"), 10.0),
-        "ros2": Interface("geometry_msgs/Pose on the topic body_pose", AXES, 50.0),
+        "unitree": Interface((*_TURNS, "z"), 20.0),
+        "spot": Interface((*_TURNS, "z"), 10.0),
+        "ros2": Interface(AXES, 50.0),
     }
 )
-"""By name."""
+"""By name: sport mode of a Go2 or B2 by unitree_sdk2py, body control of a Spot by bosdyn-client, geometry_msgs/Pose on
+the topic body_pose.
+"""
 
 
 def interface_named(name: str) -> Interface:
