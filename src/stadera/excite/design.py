@@ -130,10 +130,9 @@ def motion_table(robot: Robot, reference: Reference, whole: bool = True) -> Reco
         joints = robot.tree.joints
         columns = [joints.index(joint) for joint in reference.joints]
         position = np.tile(standing_configuration(robot), (len(reference), 1))
-        velocity, acceleration = np.zeros_like(position), np.zeros_like(position)
-        position[:, columns] = reference.position
-        velocity[:, columns], acceleration[:, columns] = reference.velocity, reference.acceleration
-        motion = JointMotion(position, velocity, acceleration)
+        motion, own = JointMotion(position, np.zeros_like(position), np.zeros_like(position)), reference.motion
+        for name in ("position", "velocity", "acceleration"):
+            getattr(motion, name)[:, columns] = getattr(own, name)
     return Recording(
         reference.time,
         joints,

@@ -13,7 +13,6 @@ from stadera.files import AnyPath
 from stadera.report.figures.model import Bars, Figure, Guide, Panel, Series
 from stadera.report.look import light
 from stadera.report.table import TableData
-from stadera.types import Array
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -163,33 +162,18 @@ def _series(place: Axes, series: Series) -> None:
     }
     if errors:
         place.errorbar(series.x, series.y, **errors, fmt="none", ecolor=colour, elinewidth=0.9)
+    size = 0.5 * np.broadcast_to(series.size, np.shape(series.x))  # pt
     if series.marker:
-        _markers(place, series, colour, name)
-    _labels(place, series)
-
-
-def _markers(place: Axes, series: Series, colour: str, name: str | None) -> None:
-    face = "none" if series.marker in ("ring", "diamond") else colour
-    look: dict[str, Any] = {"marker": _MARKERS[series.marker], "linewidths": 1.1}
-    look |= {"color": colour} if series.marker in ("plus", "cross") else {"facecolors": face, "edgecolors": colour}
-    place.scatter(series.x, series.y, s=_area(series.size), zorder=3, **look)
-    place.scatter([], [], s=_area(7.0), label=name, **look)  # the legend's, of a usual size
-
-
-def _area(size: float | Array) -> Array:
-    """Areas of markers [pt²] from their diameters [px]."""
-    return np.asarray((0.5 * np.asarray(size)) ** 2)
-
-
-def _labels(place: Axes, series: Series) -> None:
-    """Places texts outside of their markers, as seen from the middle of all."""
-    if not series.labels:
-        return
-    middle, radius = float(np.mean(series.y)), 0.5 * np.sqrt(np.broadcast_to(_area(series.size), np.shape(series.x)))
-    for a, b, r, text in zip(series.x, series.y, radius, series.labels, strict=True):
-        side = 1.0 if b > middle else -1.0
-        at: dict[str, Any] = {"ha": "center", "va": "bottom" if side > 0.0 else "top", "fontsize": 7}
-        place.annotate(text, (a, b), (0.0, side * (r + 2.0)), textcoords="offset points", **at)
+        face = "none" if series.marker in ("ring", "diamond") else colour
+        look: dict[str, Any] = {"marker": _MARKERS[series.marker], "linewidths": 1.1}
+        look |= {"color": colour} if series.marker in ("plus", "cross") else {"facecolors": face, "edgecolors": colour}
+        place.scatter(series.x, series.y, s=size**2, zorder=3, **look)
+        place.scatter([], [], s=3.5**2, label=name, **look)  # the legend's, of a usual size
+    for k, text in enumerate(series.labels):  # outside of its marker, as seen from the middle of all
+        up = series.y[k] > np.mean(series.y)
+        at: dict[str, Any] = {"ha": "center", "va": "bottom" if up else "top", "fontsize": 7}
+        offset = (0.0, (0.5 * size[k] + 2.0) * (1.0 if up else -1.0))
+        place.annotate(text, (series.x[k], series.y[k]), offset, textcoords="offset points", **at)
 
 
 def _table(table: TableData) -> Drawn:
