@@ -9,7 +9,7 @@ under the key "robot" of its metadata; a rosbag2 folder in its metadata.yaml, as
 import csv
 import hashlib
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cache
@@ -207,9 +207,8 @@ def jobs_of(
         StaderaError: `names` is not a regular expression with a group; see also `LogJob` and `FleetOptions`.
     """
     addresses = dict.fromkeys(address for pattern in logs for address in expanded(str(pattern)))
-    named = _namer(names)
     robot, tare, legs = (None if given is None else _absolute(given) for given in (robot, tare, legs))
-    return [LogJob(log, robot, tare, legs, named(log), options or FleetOptions()) for log in addresses]
+    return [LogJob(log, robot, tare, legs, _named(names, log), options or FleetOptions()) for log in addresses]
 
 
 def read_manifest(
@@ -259,23 +258,19 @@ def _absolute(given: str, folder: Path | None = None) -> str:
     return str(place.absolute()) if not is_url(given) and place.is_file() else given
 
 
-def _namer(names: str | None) -> Callable[[str], str | None]:
+def _named(names: str | None, address: str) -> str | None:
+    """The robot's name in an address; None without an expression for it."""
     if names is None:
-        return lambda address: None
+        return None
     try:
         expression = re.compile(names)
     except re.error as error:
         raise StaderaError(f"{names!r} is not a regular expression: {error}") from None
     if not expression.groups:
         raise StaderaError(f"{names!r} has no group in parentheses for the robot's name")
-
-    def name(address: str) -> str | None:
-        found = expression.search(address)
-        if found is None:
-            raise RecordingError(f"{address}: {names!r} finds no robot's name in it")
-        return found[1]
-
-    return name
+    if (found := expression.search(address)) is None:
+        raise RecordingError(f"{address}: {names!r} finds no robot's name in it")
+    return found[1]
 
 
 def _lines(path: Path) -> Iterator[tuple[int, dict[str, str]]]:

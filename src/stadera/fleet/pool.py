@@ -16,9 +16,8 @@ import os
 import signal
 import sys
 from collections.abc import Callable, Generator, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
-from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -145,17 +144,8 @@ def release_memory() -> None:
     gc.collect()
     if arrow := sys.modules.get("pyarrow"):
         arrow.default_memory_pool().release_unused()
-    if trim := _malloc_trim():
-        trim(0)
-
-
-@cache
-def _malloc_trim() -> Any:
-    """The C library's `malloc_trim`; None if it has none, as outside glibc."""
-    try:
-        return ctypes.CDLL(None).malloc_trim
-    except (OSError, TypeError, AttributeError):
-        return None
+    with suppress(OSError, TypeError, AttributeError):  # outside glibc
+        ctypes.CDLL(None).malloc_trim(0)
 
 
 def _gathered(client: Any, run: Callable[[Task], Found], tasks: Mapping[str, Task]) -> Iterator[tuple[str, Any]]:
