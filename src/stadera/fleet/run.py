@@ -251,7 +251,15 @@ def run_fleet(
     by_log = {job.log: job for job in jobs}
     tasks = {log: Task(job, fleet.key(log)) for log, job in by_log.items()}
     waiting = {log: task for log, task in tasks.items() if not is_done(task)}
-    finished = _progress(list(waiting), watch)
+    remote = any(map(is_url, waiting))  # else progress is by the logs' sizes, which determine their time
+    sizes, done_so_far = {log: 1 if remote else _size(Path(log)) for log in waiting}, list[str]()
+
+    def report() -> None:
+        if watch is not None:
+            finished = sum(sizes[log] for log in done_so_far)
+            watch("weighing logs", finished, sum(sizes.values()), f"{len(done_so_far)} of {len(sizes)}")
+
+    report()
     try:
         with journal(fleet.journal) as append, closing(run_tasks(process, waiting, pool or Pool())) as outcomes:
             for log, outcome in outcomes:
@@ -259,7 +267,8 @@ def run_fleet(
                 if done.row is not None:
                     append({"key": done.key, "row": done.row})
                     fleet.add(log, done)
-                finished(log)
+                done_so_far.append(log)
+                report()
     finally:
         fleet.save()
         fleet.journal.unlink(missing_ok=True)
@@ -310,24 +319,6 @@ class _Fleet:
                 rows[side["log"]][name].append(side)
         for (log, row), key in zip(rows.items(), table.keys, strict=True):
             self._done[log] = Done(key, row)
-
-
-def _progress(logs: Sequence[str], watch: Watch | None) -> Callable[[str], None]:
-    """Returns the function that counts a finished log: by the logs' sizes, which determine their time; by number if
-    some are remote.
-    """
-    if watch is None:
-        return lambda log: None
-    remote = any(map(is_url, logs))
-    sizes = {log: 1 if remote else _size(Path(log)) for log in logs}
-    total, done = sum(sizes.values()), list[str]()
-
-    def finished(log: str) -> None:
-        done.append(log)
-        watch("weighing logs", sum(sizes[log] for log in done), total, f"{len(done)} of {len(logs)}")
-
-    watch("weighing logs", 0, total, f"0 of {len(logs)}")
-    return finished
 
 
 def _size(path: Path) -> int:
