@@ -74,8 +74,8 @@ def residual_noise(
             if count < correlated:
                 kept[k].append(residual)
                 of_joint = [i for i, name in enumerate(rows.columns) if name.startswith(f"{joints[k]}.")]
-                mixed = rows.reduced if rows.mixing is None else rows.reduced @ rows.mixing
-                own[k].append(mixed[:, of_joint])
+                mixing = np.eye(len(rows.columns)) if rows.mixing is None else rows.mixing
+                own[k].append(rows.reduced @ mixing[:, of_joint])
         count += len(every[0])
     std, worth = {}, {}
     for k, joint in enumerate(joints):
