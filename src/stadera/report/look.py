@@ -39,9 +39,6 @@ ROLES: dict[str, str] = {
 }
 """Colour of each kind of curve."""
 
-LEGS: tuple[str, ...] = ("blue", "orange", "green", "purple")
-"""Colours of LF, RF, LH, RH."""
-
 
 def light(name: str) -> str:
     """Colour on white, for printed figures."""
