@@ -135,6 +135,8 @@ def test_words(weighed: Weighing, rested: Weighing) -> None:
     assert how_sure(exact) == "Good to 0 %. By 95 % it is between 8.00 and 8.00 kg."
     flat = replace(weighed.payload, com_covariance=np.diag([1e-6, np.nan, np.nan]))
     assert where(replace(weighed, payload=flat)).endswith("; its place across the trunk and height were not observed.")
+    held = replace(weighed, payload=replace(flat, at="lf_lowerleg"))
+    assert where(held) == "At x −200.0 ± 1.0 mm in the frame of lf_lowerleg; its y and z were not observed."
     alone = replace(weighed, payload=replace(weighed.payload, mass_std_without_scale=0.0999))
     assert "hardly any of it the torques' scale" in how_sure(alone)
     assert may_be_used(weighed).startswith("With care")

@@ -49,6 +49,23 @@ def quadruped(**changes: str) -> str:
     return urdf("".join(changes.get(name, urdf_leg(name.lower(), corner)) for name, corner in CORNERS.items()))
 
 
+RIM = (
+    '<collision><origin xyz="0 0.02 0" rpy="1.5707963 0 0"/><geometry><cylinder radius="0.07" length="0.04"/>'
+    "</geometry></collision>"
+)
+
+
+def wheeled(wheel: str = RIM, name: str = "roll", kind: str = "continuous") -> str:
+    """The toy quadruped with wheels on its shanks, off the middle of their axles; links of that name, and joints."""
+    legs = "".join(
+        urdf_leg(leg.lower(), corner, "")
+        + urdf_joint(f"{leg}_d", f"{leg.lower()}_shank", f"{leg}_{name}", "0 0 -0.3", "0 1 0", kind)
+        + urdf_link(f"{leg}_{name}", 0.5, wheel)
+        for leg, corner in CORNERS.items()
+    )
+    return urdf(legs)
+
+
 def write(folder: Path, text: str, name: str = "toy.urdf") -> Path:
     path = folder / name
     path.write_text(text)

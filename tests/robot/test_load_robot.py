@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 import pinocchio as pin
 import pytest
-from robot_files import CORNERS, SPHERE, mjcf, quadruped, urdf, urdf_joint, urdf_leg, urdf_link, write
+from robot_files import CORNERS, SPHERE, mjcf, quadruped, urdf, urdf_joint, urdf_leg, urdf_link, wheeled, write
 
 from stadera.errors import MissingExtraError, ModelError, UnknownNameError
 from stadera.inertia import InertialParameters
@@ -141,21 +141,8 @@ def test_a_flat_foot_whose_meshes_are_missing_has_the_sole_of_an_unknown_one(tmp
         sole(robot, robot.legs[0])
 
 
-def wheeled(wheel: str, kind: str = "continuous") -> str:
-    """The toy quadruped with wheels on its shanks, off the middle of their axles."""
-    legs = "".join(
-        urdf_leg(name.lower(), corner, "")
-        + urdf_joint(f"{name}_d", f"{name.lower()}_shank", f"{name}_roll", "0 0 -0.3", "0 1 0", kind)
-        + urdf_link(f"{name}_roll", 0.5, wheel)
-        for name, corner in CORNERS.items()
-    )
-    return urdf(legs)
-
-
 def test_wheels_touch_below_their_axles(tmp_path: Path) -> None:
-    rim = '<geometry><cylinder radius="0.07" length="0.04"/></geometry>'
-    rim = f'<collision><origin xyz="0 0.02 0" rpy="1.5707963 0 0"/>{rim}</collision>'
-    robot = load_robot(write(tmp_path, wheeled(rim)))
+    robot = load_robot(write(tmp_path, wheeled()))
     assert [(leg.name, len(leg.joints), leg.contact) for leg in robot.legs] == [(name, 4, 3) for name in LEG_NAMES]
     assert robot.legs[0].foot_position == (0.0, 0.02, 0.0)
     assert robot.legs[0].foot_radius == 0.07

@@ -14,7 +14,7 @@ import pinocchio as pin
 import pytest
 from scipy.interpolate import make_interp_spline
 
-from robot.robot_files import urdf, urdf_leg, write
+from robot.robot_files import urdf, urdf_leg, wheeled, write
 from stadera import identify, weigh
 from stadera.errors import IdentificationError, UnknownNameError
 from stadera.inertia import InertialParameters
@@ -50,7 +50,9 @@ def of_file(name: str) -> Robot:
 
 
 def with_legs(count: int, folder: Path) -> Robot:
-    """A trunk on legs in a circle."""
+    """A trunk on legs in a circle, or of none on wheels."""
+    if not count:
+        return load_robot(write(folder, wheeled(name="wheel", kind="revolute")))
     angle = 2.0 * np.pi * (np.arange(count) + 0.25) / count
     corners = [(0.3 * float(np.cos(a)), 0.3 * float(np.sin(a))) for a in angle]
     return load_robot(write(folder, urdf("".join(urdf_leg(f"leg{k}", corner) for k, corner in enumerate(corners)))))
@@ -117,7 +119,8 @@ def swaying(
     omega = np.array([pin.Jexp3(phi) @ rate for phi, rate in zip(turned, turning, strict=True)])
     alpha = np.gradient(omega, time, axis=0, edge_order=2)
     start, coarse = pin.neutral(model), slice(None, None, 10)
-    bent = np.resize(BENT.get(robot.name, (0.0, 0.5, -1.0) if plane.all() else (0.6, -1.2)), n)
+    usual = {2: (0.6, -1.2), 4: (0.0, 0.5, -1.0, 0.0)}.get(len(robot.legs[0].joints), (0.0, 0.5, -1.0))
+    bent = np.resize(BENT.get(robot.name, usual), n)
     start[order[:n] + 1] = bent  # a free flyer has one position more than velocities
     poses = [pin.SE3(R, p) for R, p in zip(rotations[coarse], place[coarse], strict=True)]
     legs = [joint for leg in robot.legs for joint in leg.joints]
@@ -161,13 +164,23 @@ def swaying(
 
 @pytest.mark.parametrize(
     ("name", "arms"),
-    [("g1", 0.0), ("g1", 0.3), ("talos", 0.1), ("h1", 0.2), ("b1_z1", 0.4), ("solo8", 0.0), (3, 0.0), (6, 0.0)],
+    [
+        ("g1", 0.0),
+        ("g1", 0.3),
+        ("talos", 0.1),
+        ("h1", 0.2),
+        ("b1_z1", 0.4),
+        ("solo8", 0.0),
+        (3, 0.0),
+        (6, 0.0),
+        (0, 0.0),
+    ],
 )
 def test_a_payload_is_weighed_on_any_legs(name: str | int, arms: float, tmp_path: Path) -> None:
     robot = with_legs(name, tmp_path) if isinstance(name, int) else of_file(name)
     robot = robot.with_dynamics(dict.fromkeys(robot.tree.joints, JointDynamics()))
     if isinstance(name, int):
-        assert len(robot.legs) == name
+        assert len(robot.legs) == (name or 4)
     mass = 0.1 * robot.mass
     load = InertialParameters.from_com(mass, (0.02, -0.03, 0.1), 0.01 * mass * np.eye(3))
     samples = swaying(robot, load, arms)

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import pytest
 
+from stadera import weigh
 from stadera.errors import MissingExtraError
 from stadera.lab.experiments.humanoids import FAULTS, MOTIONS, CarryCase, cases, hand_of, summary, weighed
 from stadera.lab.experiments.runner import ReproduceSettings
+from stadera.lab.scenarios.run import simulate
+from stadera.lab.scenarios.settings import SimulateSettings
 from stadera.robot import load_robot
 
 
@@ -34,3 +37,17 @@ def test_a_load_in_the_hand_of_a_g1_is_weighed() -> None:
     outcome = weighed(CarryCase("g1", "shake", "hand", "ideal", 0, duration=5.0))
     assert outcome["at"] == hand_of(robot)
     assert outcome["mass"] == pytest.approx(outcome["true_mass"], abs=0.005 * robot.mass)
+
+
+@pytest.mark.parametrize("seed", [4, 6])
+def test_friction_that_holds_most_joints_in_a_sway_is_no_misfit(seed: int) -> None:
+    """Harmonic gears, velocities of 0.17 and 0.04 rad/s noise: which way friction acts is not known."""
+    try:
+        robot = load_robot("g1")
+    except MissingExtraError as error:
+        pytest.skip(str(error))
+    run = simulate(robot, "shake", SimulateSettings(errors="real", seed=seed, duration=5.0))
+    found = weigh(robot, run.recording)
+    assert found.trust.verdict == "good", found.trust.reasons
+    assert found.trust.misfit < 1.5
+    assert abs(found.mass - run.truth.moments[-1].mass) < 2.5 * found.mass_std
