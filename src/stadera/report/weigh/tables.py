@@ -202,12 +202,12 @@ def where(result: Weighing) -> str:
     seen = [k for k in range(3) if isfinite(std[k])]
     if not seen:
         return f"At {payload.at}; its centre was not observed." if payload and payload.at else "Not observed."
+    lacking = [("xyz" if payload and payload.at else _AXES)[k] for k in range(3) if k not in seen]
+    hidden = f"; its {listed(lacking)} {'was' if len(lacking) == 1 else 'were'} not observed" if lacking else ""
     if payload is not None and payload.at:
         along = ", ".join(f"{'xyz'[k]} {with_std(float(com[k]), float(std[k]))}" for k in seen)
-        return f"At {along} mm in the frame of {payload.at}."
+        return f"At {along} mm in the frame of {payload.at}{hidden}."
     said = [f"{with_std(abs(float(com[k])), float(std[k]))} mm {_SIDES[k][int(com[k] < 0.0)]}" for k in seen]
-    lacking = [_AXES[k] for k in range(3) if k not in seen]
-    hidden = f"; its {listed(lacking)} {'was' if len(lacking) == 1 else 'were'} not observed" if lacking else ""
     return f"{listed(said)} the trunk's origin{hidden}."
 
 
