@@ -25,6 +25,7 @@ from robot.robot_files import mjcf, quadruped, urdf_joint, urdf_link
 from stadera.errors import ModelError, RecordingError, StaderaError, UnknownNameError
 from stadera.limits import DEFAULTS, Budget, LimitError, Limits
 from stadera.logs import LogFile, read, stream
+from stadera.logs.batches import within
 from stadera.logs.topics import Reading
 from stadera.robot import load_robot
 
@@ -224,18 +225,19 @@ def test_reading_has_a_time_that_its_consumer_does_not_count_against(tmp_path: P
     with pytest.raises(LimitError, match=r"more than .* s of processor time; --limit seconds="):
         read(limited(path, Limits(seconds=0.002, seconds_per_megabyte=1e-6)))
     budget = Budget(path, Limits(seconds=0.2, seconds_per_megabyte=1e-6))
-    for _ in budget.timed(range(3)):
+    for _ in within(np.zeros((3, 1)), budget, 1):
         _burn(0.15)
     with pytest.raises(LimitError):
-        list(budget.timed(_burn(0.15) for _ in range(3)))
+        list(within(map(np.atleast_1d, (_burn(0.15) for _ in range(3))), budget, 1))
 
 
-def _burn(seconds: float) -> None:
+def _burn(seconds: float) -> float:
     import time
 
     until = time.thread_time() + seconds
     while time.thread_time() < until:
         pass
+    return until
 
 
 # -- models -----------------------------------------------------------------------------------------------------------

@@ -60,9 +60,3 @@ def _njit(function: _Function, *signature: str, **options: Any) -> _Function:
 def part(function: _Function) -> _Function:
     """Decorator for a function that only compiled ones of the same file call: compiled with these."""
     return _njit(function, no_cpython_wrapper=True, no_cfunc_wrapper=True, forceinline=True)
-
-
-def reordered(function: _Function) -> _Function:
-    """Decorator for a `part` whose sums may be formed in any order, several terms at once."""
-    allowed = {"contract", "nsz", "reassoc"}
-    return _njit(function, no_cpython_wrapper=True, no_cfunc_wrapper=True, fastmath=allowed)

@@ -39,19 +39,16 @@ _FROM_PINOCCHIO = np.array([0, 1, 2, 3, 4, 5, 7, 6, 8, 9])  # Pinocchio stores I
 _INERTIA_INDEX = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 
 
+def _tensor(components: Array) -> Array:
+    xx, xy, xz, yy, yz, zz = components
+    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+
+
 def _pseudo_basis() -> Array:
     """The ten 4x4 matrices E_k with J(φ) = Σ_k φ_k E_k."""
-    basis = np.zeros((10, 4, 4))
-    basis[0, 3, 3] = 1.0
-    for k in range(3):
-        basis[1 + k, k, 3] = basis[1 + k, 3, k] = 1.0
-    for k, (i, j) in enumerate(_INERTIA_INDEX):
-        if i == j:
-            basis[4 + k, :3, :3] = 0.5 * np.eye(3)
-            basis[4 + k, i, i] -= 1.0
-        else:
-            basis[4 + k, i, j] = basis[4 + k, j, i] = -1.0
-    return basis
+    tensors = ((unit, _tensor(unit[4:])) for unit in np.eye(10))
+    second = ((unit, 0.5 * np.trace(tensor) * np.eye(3) - tensor) for unit, tensor in tensors)
+    return np.array([np.block([[S, unit[1:4, None]], [unit[1:4], unit[0]]]) for unit, S in second])
 
 
 PSEUDO_BASIS: Array = _pseudo_basis()
@@ -168,8 +165,7 @@ class InertialParameters:
     @property
     def inertia(self) -> Array:
         """Inertia about the frame's origin [kg·m²], shape (3, 3)."""
-        xx, xy, xz, yy, yz, zz = self.vector[4:]
-        return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        return _tensor(self.vector[4:])
 
     @property
     def inertia_com(self) -> Array:
@@ -178,8 +174,7 @@ class InertialParameters:
         if not mass:
             return self.inertia
         xx, yy, zz = xx - (y * y + z * z) / mass, yy - (x * x + z * z) / mass, zz - (x * x + y * y) / mass
-        xy, xz, yz = xy + x * y / mass, xz + x * z / mass, yz + y * z / mass
-        return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        return _tensor(np.array([xx, xy + x * y / mass, xz + x * z / mass, yy, yz + y * z / mass, zz]))
 
     @property
     def pseudo_inertia(self) -> Array:

@@ -21,11 +21,15 @@ def _joined(sides: Iterable[str], ends: Iterable[str]) -> frozenset[str]:
 
 LEG_WORDS = {side + end: _joined(words, ends) for end, ends in _ENDS.items() for side, words in _SIDES.items()}
 """Words that indicate each leg: lf, fl, frontleft, leftfront and so on."""
-_PART_WORDS: tuple[frozenset[str], ...] = (
-    frozenset({"haa", "abad", "abduction", "adduction", "hx", "hipx", "hipaa", "coxa"}),
-    frozenset({"hfe", "thigh", "hy", "hipy", "hipfe", "femur", "upper", "upperleg"}),
-    frozenset({"kfe", "calf", "knee", "kn", "tibia", "shank", "lower", "lowerleg"}),
+_PART_WORDS = (
+    ("haa", "abad", "abduction", "adduction", "hx", "hipx", "hipaa", "coxa"),
+    ("hfe", "thigh", "hy", "hipy", "hipfe", "femur", "upper", "upperleg"),
+    ("kfe", "calf", "knee", "kn", "tibia", "shank", "lower", "lowerleg"),
 )
+LEG_NAMES = tuple(LEG_WORDS)
+"""Names of a quadruped's legs: LF, RF, LH, RH."""
+PARTS = tuple(words[0].upper() for words in _PART_WORDS)
+"""Names of its joints' kinds, from the trunk outwards: HAA, HFE, KFE."""
 _HIP = "hip"
 """The first joint for Unitree and Boston Dynamics; the second for MIT, whose first joint is `abad`."""
 
@@ -48,13 +52,13 @@ def leg_of(names: Iterable[str]) -> str:
 def places(names: Iterable[str]) -> dict[str, Place]:
     """Leg and joint of every name that indicates both, by a word (FL_thigh_joint, rh_KFE) or a number (FL_1)."""
     said = {name: (leg, words(name)) for name in names if (leg := leg_of([name]))}
-    with_abad = {leg for leg, found in said.values() if found & _PART_WORDS[0]}
+    with_abad = {leg for leg, found in said.values() if not found.isdisjoint(_PART_WORDS[0])}
     placed = {name: (leg, _part(name, found, leg in with_abad)) for name, (leg, found) in said.items()}
     return {name: (leg, part) for name, (leg, part) in placed.items() if part is not None}
 
 
 def _part(name: str, found: set[str], has_abad: bool) -> int | None:
-    parts = [k for k in (1, 2, 0) if found & _PART_WORDS[k]]
+    parts = [k for k in (1, 2, 0) if not found.isdisjoint(_PART_WORDS[k])]
     if parts:
         return parts[0]
     if _HIP in found:

@@ -6,14 +6,12 @@ stops at these limits with an error that names the limit and how to raise it: `-
 """
 
 import time
-from collections.abc import Iterable, Iterator, Sized
+from collections.abc import Iterable, Sized
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Self, TypeVar
+from typing import Self
 
 from stadera.errors import StaderaError, UnknownNameError, require_positive
-
-Item = TypeVar("Item")
 
 
 class LimitError(StaderaError):
@@ -81,7 +79,7 @@ class Budget:
         self._size = sum(file.stat().st_size for file in files if file.is_file())
         self._allowed = limits.seconds + limits.seconds_per_megabyte * self._size / 1e6
         self._ticks, self._held = 0, 0.0
-        self._begun = time.thread_time()  # later by the time that was not spent on reading
+        self._begun = self._paused = time.thread_time()  # begun: later by the time that was not spent on reading
 
     def tick(self) -> None:
         """Counts one step of a loop that may be long, and checks the time at every 64th. Raises LimitError: it is
@@ -128,15 +126,10 @@ class Budget:
         if self._held > self.most_bytes:
             self.limits.require("unpacked", self._held, self.path, "bytes of the log in memory")
 
-    def timed(self, items: Iterable[Item]) -> Iterator[Item]:
-        """Yields the items, and counts only the time spent producing them, not the consumer's."""
-        return self._timed(items, time.thread_time())
+    def pause(self) -> None:
+        """Begins a time that is the consumer's and does not count."""
+        self._paused = time.thread_time()
 
-    def _timed(self, items: Iterable[Item], paused: float) -> Iterator[Item]:
-        self._begun += time.thread_time() - paused
-        for item in items:
-            self.check_time()
-            paused = time.thread_time()
-            yield item
-            self._begun += time.thread_time() - paused
-        self.check_time()
+    def resume(self) -> None:
+        """Ends it."""
+        self._begun += time.thread_time() - self._paused

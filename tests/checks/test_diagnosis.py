@@ -15,8 +15,8 @@ from scipy.spatial.transform import Rotation
 from stadera.checks import CheckLimits
 from stadera.checks.instants import Instants
 from stadera.checks.residual import Footing, Gain
+from stadera.checks.signals import gravity_findings
 from stadera.checks.statics import Consistency
-from stadera.checks.units import gravity_findings
 from stadera.errors import UntrustedError
 from stadera.inertia import skew
 from stadera.lab.scenarios.run import simulate

@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 
 from stadera.checks import CheckLimits, torques
+from stadera.checks.hypotheses import Hypothesis
 from stadera.checks.instants import Instants
 from stadera.checks.residual import Footing
-from stadera.checks.torques import SwappedTorques, swapped_in_motion, torque_step
+from stadera.checks.torques import swapped_in_motion, torque_step
 from stadera.lab.experiments.fault_kinds import FORCES
 from stadera.lab.scenarios.run import simulate
 from stadera.lab.scenarios.settings import Load, SimulateSettings
@@ -48,7 +49,7 @@ def footing_of(log: Recording, name: str, limits: CheckLimits) -> Footing:
     return Footing(robot, Instants.of(log, robot.tree.joints, ImuMount.of(robot), limits), limits)
 
 
-def order_of(log: Recording, name: str, limits: CheckLimits) -> SwappedTorques | None:
+def order_of(log: Recording, name: str, limits: CheckLimits) -> tuple[Hypothesis, float] | None:
     return swapped_in_motion(footing_of(log, name, limits))
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stadera.checks.other_robot import likeness, other_robots
+from stadera.checks.other_robot import carried, carriers, other_robots
 from stadera.errors import RecordingError, UntrustedError
 from stadera.lab.scenarios.run import simulate
 from stadera.lab.scenarios.settings import Load, SimulateSettings
@@ -47,15 +47,13 @@ def test_a_go2s_log_as_a_spots_is_not_one_with_torques_in_another_unit_alone(go2
 
 
 def test_what_the_feet_carry_is_compared_with_the_model(go2_trot: Recording) -> None:
-    go2, a1, b1 = (likeness(go2_trot, load_robot(name)) for name in ("go2", "a1", "b1"))
-    assert go2 is not None
-    assert a1 is not None
-    assert b1 is not None
-    assert go2.carried == pytest.approx(go2.mass + 0.8, abs=1.0)  # the load is on it for two fifths of the time
-    assert abs(go2.ratio - 1.0) < abs(a1.ratio - 1.0) < abs(b1.ratio - 1.0)
-    assert go2.alike
-    assert not b1.alike
-    assert likeness(replace(go2_trot, effort=None), load_robot("go2")) is None
+    robots = [load_robot(name) for name in ("a1", "b1", "go2")]
+    on_go2 = carried(go2_trot, robots[2])
+    assert on_go2 == pytest.approx(robots[2].mass + 0.8, abs=1.0)  # the load is on it for two fifths of the time
+    found = carriers(go2_trot, robots)
+    assert found[0] == (robots[2], on_go2)
+    assert robots[1] not in [robot for robot, _ in found]
+    assert carried(replace(go2_trot, effort=None), robots[2]) is None
 
 
 def test_only_a_robot_that_is_much_too_heavy_has_others_named() -> None:

@@ -150,8 +150,8 @@ class Body:
             bodies += [body.vector for body in extra.bodies]
             turns, arms, axes = [*turns, extra.rotations], [*arms, extra.translations], [*axes, extra.axes]
             slides, lumped = slides + list(extra.sliding), extra.lumped.vector
-        dynamics = np.zeros((4, total))
-        dynamics[:, :n] = np.array([astuple(robot.dynamics[joint]) for joint in tree.joints]).T
+        dynamics = np.array([astuple(robot.dynamics[joint]) for joint in tree.joints]).T
+        dynamics = np.pad(dynamics, ((0, 0), (0, total - n)))
         return cls(
             tree.joints + (extra.joints if extra is not None else ()),
             np.array(parents, dtype=np.int64),

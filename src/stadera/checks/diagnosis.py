@@ -2,7 +2,7 @@
 
 Units that are not SI, sensors that stop, an IMU that does not show gravity or is rotated, joints in another order,
 torques of another sign: each yields a plausible but wrong weight. So values are compared with what is possible
-(`units`, `sensors`), all sensors together with the statics of a robot on its feet (`statics`) and with its motion
+(`signals`), all sensors together with the statics of a robot on its feet (`statics`) and with its motion
 (`residual`), and common mistakes are tested as explanations (`hypotheses`, `torques`). A hypothesis is confirmed if the
 log without the fault fits itself: on average if all impossible properties are gone and the cost is a small share, in
 motion if the cost is reduced by more than chance. Of several, the one of least cost is chosen, and those that fit
@@ -15,7 +15,7 @@ vertical. They look right until the trunk tilts or the load shifts.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import chain
 
 import numpy as np
@@ -24,15 +24,16 @@ from stadera.checks.finding import Finding
 from stadera.checks.hypotheses import Hypothesis, hypotheses_at_rest, hypotheses_in_motion, torque_scales
 from stadera.checks.instants import Instants
 from stadera.checks.limits import CheckLimits
-from stadera.checks.other_robot import carried_by_others
+from stadera.checks.other_robot import or_other_robot
 from stadera.checks.residual import Footing, Gain
-from stadera.checks.sensors import orientation_findings, sensor_findings
-from stadera.checks.statics import Consistency
+from stadera.checks.signals import DEGREE, limit_findings, orientation_findings, sensor_findings, unit_findings
+from stadera.checks.statics import Consistency, hanging
 from stadera.checks.torques import pushing_at_rest, swapped_in_motion, torque_step
-from stadera.checks.units import DEGREE, unit_findings
-from stadera.errors import listed
-from stadera.logs.mend import GYRO, Mend
+from stadera.errors import UntrustedError, listed
+from stadera.logs.mend import GYRO, Mend, changed
+from stadera.logs.reader import stream
 from stadera.logs.recording import Recording
+from stadera.logs.topics import LogFile
 from stadera.robot.imu import ImuMount
 from stadera.robot.model import Robot
 
@@ -64,7 +65,7 @@ def diagnose(
         found += orientation_findings(recording.imu, recording.time, limits)
     if len(blocks):
         found += _contradictions(Footing(robot, blocks, limits), mount)
-    return tuple(_or_other_robot(finding, recording, robot) for finding in found)
+    return tuple(or_other_robot(finding, recording, robot) for finding in found)
 
 
 def contradictions(recording: Recording, robot: Robot, imu_frame: str | None = None) -> tuple[str, ...]:
@@ -85,7 +86,7 @@ def _contradictions(footing: Footing, mount: ImuMount | None) -> Iterator[Findin
     now = Consistency.of(footing)
     faults = listed([*now.faults()], 3)
     if now.hangs:
-        yield _hanging(footing, now)
+        yield hanging(footing, now)
     elif not faults:
         yield from _in_motion(footing, mount)
     elif (fitting := explained(footing)) and (without := fitting[0][1]):
@@ -93,7 +94,7 @@ def _contradictions(footing: Footing, mount: ImuMount | None) -> Iterator[Findin
         yield _named([one for one, _ in fitting], f"as recorded, {faults}; otherwise {fits}", mount)
     else:
         who = "encoders, torques and IMU" if now.imu else "encoders and torques"
-        yield Finding("contradiction", f"{who} contradict each other: {faults}{_outlier(now)}")
+        yield Finding("contradiction", f"{who} contradict each other: {faults}{now.outlier}")
 
 
 def _named(hypotheses: Sequence[Hypothesis], evidence: str, mount: ImuMount | None) -> Finding:
@@ -208,68 +209,72 @@ def _of_torques(footing: Footing, mount: ImuMount | None) -> Iterator[Finding]:
     """Torques of legs that are swapped with those of others, certain in motion and a doubt at rest, and a torque that
     jumps.
     """
-    found, step = swapped_in_motion(footing), torque_step(footing)
-    if found is not None and (step is None or found.gain > step.deviations**2):
-        odds = f"(likelihood higher by e^{0.5 * found.gain:.0f}, allowing for friction and other errors of models)"
+    swapped, step = swapped_in_motion(footing), torque_step(footing)
+    if swapped is not None and (step is None or swapped[1] > step[1]):
+        odds = f"(likelihood higher by e^{0.5 * swapped[1]:.0f}, allowing for friction and other errors of models)"
         text = f"with them in the right order the trunk balances as it moves {odds}"
-        pushed = "" if found.certain else "; or something pushes or pulls the robot, which looks alike"
-        yield _named([replace(found.hypothesis, known=found.certain)], f"{text}{pushed}", mount)
+        pushed = "" if swapped[0].known else "; or something pushes or pulls the robot, which looks alike"
+        yield _named([swapped[0]], f"{text}{pushed}", mount)
     elif step is not None:
-        first, *others = map(repr, step.joints)
-        text = f"the torque of {first}{''.join(f' or {other}' for other in others[:2])} jumps"
-        how = f"by {step.size:.3g} N·m at about {step.time:.1f} s, which neither the motion nor a load explains"
-        said = f"{text} {how} ({step.deviations:.1f} standard deviations)"
-        yield Finding("torque_step", f"{said}; or something pushes or pulls the robot since then, which looks alike")
+        yield step[0]
     else:
         for push in pushing_at_rest(footing):
             yield Finding("pushing", f"{push}; let the robot sway to decide it")
 
 
-def _or_other_robot(finding: Finding, recording: Recording, robot: Robot) -> Finding:
-    """The finding; torques in another unit may be those of another robot, whose log is not scaled."""
-    others = carried_by_others(recording, robot) if finding.cause == "torque_unit" else ()
-    if not others:
-        return finding
-    names = " or ".join(f"{one.name} ({one.mass:.3g} kg, its legs carry {one.carried:.3g})" for one in others[:2])
-    text = f"the robot is another one, perhaps {names}; or {finding.message}"
-    return Finding(finding.cause, text, f"--robot {others[0].name}, or {finding.option or '--gear RATIO'}")
+@dataclass(frozen=True, eq=False)
+class Guard:
+    """Checks made on a log of a robot by every command before anything else, and the correction of faults with `fix`.
 
-
-def _hanging(footing: Footing, now: Consistency) -> Finding:
-    """Distinguishes a robot in the air from torques that are too small.
-
-    In the air the torques only carry the legs; on the ground, in whatever unit, they follow those for an equal share of
-    the robot's weight on each foot.
+    Units and signs are checked for any motion. Checks that need a robot on its feet are made chunk by chunk during
+    weighing, because a log may start before the robot stands up, or end in a fall.
     """
-    robot, body, effort = footing.robot, footing.body, footing.blocks.effort[:, footing.body.in_legs]
-    share = robot.mass * footing.specific_force / len(robot.legs)
-    arm = footing.contact[:, body.leg_of[body.in_legs]] - footing.state.origin[:, body.in_legs]
-    pushed = (np.cross(footing.state.axis[:, body.in_legs], arm) * share[:, None]).sum(axis=2)
-    taken = footing.state.torque[:, body.in_legs] - pushed
-    size = float(np.sqrt((effort**2).sum() * (taken**2).sum())) or 1.0
-    factor = float((taken**2).sum() / ((effort * taken).sum() or 1.0))
-    if (effort * taken).sum() / size > footing.limits.standing_torques:
-        text = (
-            f"the torques are those of a robot on its feet, but about {factor:.2g} times too small: of motors before "
-            "the gear, or in another unit"
-        )
-        return Finding("torque_unit", text, "--gear RATIO")
-    return Finding(
-        "not_on_feet",
-        f"the feet carry {now.weighs:.2g} kg of {robot.mass:.3g} kg: the robot is not on its feet but in the "
-        "air, which is a log for `stadera identify`",
-    )
 
+    robot: Robot
+    joints: Sequence[str]
+    on_feet: bool = True  # True if the robot stands or walks; False if its trunk is held, legs in the air
+    imu_frame: str | None = None  # frame of the IMU's values; None for the log's own, else the model's
+    rounds: int = 4  # of detection and correction at most; a wrong unit hides other faults until it is corrected
 
-def _outlier(now: Consistency) -> str:
-    """Names the one of three sources of the vertical that disagrees with the other two."""
-    close, far = now.limits.close, now.limits.far
-    if not now.imu:
-        return "; check the joints' names, and the torques' signs and units"
-    if now.plane_force_angle < close and now.plane_angle > far:
-        return "; the feet's plane and their forces agree, so that it is the IMU's frame that seems wrong"
-    if now.plane_angle < close and now.force_angle > far:
-        return "; IMU and the feet's plane agree, so that it is the torques that seem wrong"
-    if max(now.plane_force_angle, now.plane_angle, now.force_angle) < close and (now.loads > 0).all():
-        return "; all directions agree, so that it is the torques' unit or scale, or the model, that seems wrong"
-    return "; check the joints' names, the torques' signs and units, and the IMU's frame"
+    def units(self, log: LogFile | Recording) -> tuple[Finding, ...]:
+        """Faults of units and signs in a log's first chunk."""
+        first = self._first(log)
+        found = () if first is None else unit_findings(first, self.robot)
+        if first is None or found or self.on_feet:
+            return found
+        return tuple(limit_findings(first, self.robot, CheckLimits()))
+
+    def findings(self, log: LogFile | Recording) -> tuple[Finding, ...]:
+        """All faults in a log's first chunk. Raises RecordingError: the log cannot be read, or lacks a joint.
+        UnknownNameError: no such frame.
+        """
+        if not self.on_feet:
+            return self.units(log)
+        first = self._first(log)
+        return () if first is None else diagnose(first, self.robot, self.imu_frame)
+
+    def mended(self, log: LogFile | Recording) -> LogFile | Recording:
+        """The log with all unambiguous faults corrected, and a note on each; raises as `findings`."""
+        for _ in range(self.rounds):
+            mends = [finding.mend for finding in self.findings(log) if finding.mend is not None]
+            if not mends:
+                break
+            if isinstance(log, Recording):
+                log = changed(log, mends)
+            else:
+                log = replace(log, reading=replace(log.reading, changes=(*log.reading.changes, *mends)))
+        return log
+
+    def admitted(self, log: LogFile | Recording, *, fix: bool, force: bool) -> LogFile | Recording:
+        """The log to use: corrected with `fix`, and its units and signs checked unless a result is forced. Raises
+        UntrustedError: they are wrong; names the option that corrects them. Also raises as `findings`.
+        """
+        log = self.mended(log) if fix else log
+        wrong = () if force else [finding for finding in self.units(log) if finding.fatal]
+        if wrong:
+            raise UntrustedError(f"{log.source}: {wrong[0]}")
+        return log
+
+    def _first(self, log: LogFile | Recording) -> Recording | None:
+        first = next(stream(log, joints=self.joints), None)
+        return first if first is not None and len(first) > 1 else None

@@ -8,7 +8,7 @@ from itertools import combinations, permutations, product
 
 import numpy as np
 
-from stadera.checks.units import DEGREE
+from stadera.checks.signals import DEGREE
 from stadera.logs.columns import CHANNELS
 from stadera.logs.mend import ACCELEROMETER, GYRO, Mend
 from stadera.robot.model import Leg, Robot

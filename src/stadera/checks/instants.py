@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stadera.checks.limits import CheckLimits
-from stadera.constants import NOTHING
 from stadera.logs.mend import ACCELEROMETER, GYRO, Mend, upwards
 from stadera.logs.recording import Recording
 from stadera.robot.imu import ImuMount
@@ -125,21 +124,12 @@ class Instants:
 
     def slopes(self, values: Array) -> Array:
         """Derivatives of values (instants, ...) [1/s], by central differences within each stretch, one-sided at its
-        ends.
+        ends; zero for an instant alone.
         """
         out = np.zeros_like(values)
-        if len(self) < 2:
-            return out
-        wide = (slice(None), *[None] * (values.ndim - 1))
-        steps, joined = np.diff(self.time), np.diff(self.group) == 0
-        between = np.diff(values, axis=0) / steps[wide]
-        before, after = np.append(False, joined), np.append(joined, False)
-        # the slope on either side counts as much as the step on the other side is long; the only one, fully
-        left = np.where(before, np.where(after, np.append(steps, 1.0), 1.0), 0.0)
-        right = np.where(after, np.where(before, np.append(1.0, steps), 1.0), 0.0)
-        total = np.maximum(left + right, NOTHING)
-        out[1:] += (left / total)[1:][wide] * between
-        out[:-1] += (right / total)[:-1][wide] * between
+        for rows in np.split(np.arange(len(self)), np.flatnonzero(np.diff(self.group)) + 1):
+            if len(rows) > 1:
+                out[rows] = np.gradient(values[rows], self.time[rows], axis=0)
         return out
 
 

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stadera.body import Motion
+from stadera.checks.finding import Finding
 from stadera.checks.limits import CheckLimits
 from stadera.checks.residual import Footing, body_of, unit
 from stadera.constants import GRAVITY
@@ -166,6 +167,46 @@ class Consistency:
         off = float(np.linalg.norm(self.off_centre))
         if off > limits.off_centre * self.size and self.weighs > limits.lightest * robot.mass:
             yield f"the centre of mass would be {100 * off:.0f} cm off the model's"
+
+    @property
+    def outlier(self) -> str:
+        """Names the one of three sources of the vertical that disagrees with the other two."""
+        close, far = self.limits.close, self.limits.far
+        if not self.imu:
+            return "; check the joints' names, and the torques' signs and units"
+        if self.plane_force_angle < close and self.plane_angle > far:
+            return "; the feet's plane and their forces agree, so that it is the IMU's frame that seems wrong"
+        if self.plane_angle < close and self.force_angle > far:
+            return "; IMU and the feet's plane agree, so that it is the torques that seem wrong"
+        if max(self.plane_force_angle, self.plane_angle, self.force_angle) < close and (self.loads > 0).all():
+            return "; all directions agree, so that it is the torques' unit or scale, or the model, that seems wrong"
+        return "; check the joints' names, the torques' signs and units, and the IMU's frame"
+
+
+def hanging(footing: Footing, now: Consistency) -> Finding:
+    """Distinguishes a robot in the air from torques that are too small.
+
+    In the air the torques only carry the legs; on the ground, in whatever unit, they follow those for an equal share of
+    the robot's weight on each foot.
+    """
+    robot, body, effort = footing.robot, footing.body, footing.blocks.effort[:, footing.body.in_legs]
+    share = robot.mass * footing.specific_force / len(robot.legs)
+    arm = footing.contact[:, body.leg_of[body.in_legs]] - footing.state.origin[:, body.in_legs]
+    pushed = (np.cross(footing.state.axis[:, body.in_legs], arm) * share[:, None]).sum(axis=2)
+    taken = footing.state.torque[:, body.in_legs] - pushed
+    size = float(np.sqrt((effort**2).sum() * (taken**2).sum())) or 1.0
+    factor = float((taken**2).sum() / ((effort * taken).sum() or 1.0))
+    if (effort * taken).sum() / size > footing.limits.standing_torques:
+        text = (
+            f"the torques are those of a robot on its feet, but about {factor:.2g} times too small: of motors before "
+            "the gear, or in another unit"
+        )
+        return Finding("torque_unit", text, "--gear RATIO")
+    return Finding(
+        "not_on_feet",
+        f"the feet carry {now.weighs:.2g} kg of {robot.mass:.3g} kg: the robot is not on its feet but in the "
+        "air, which is a log for `stadera identify`",
+    )
 
 
 def _size(robot: Robot) -> float:

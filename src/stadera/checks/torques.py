@@ -39,12 +39,14 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stadera.body import Motion, State, discounted
 from stadera.body.friction import direction
+from stadera.checks.finding import Finding
 from stadera.checks.hypotheses import Hypothesis, Order, mirrors, torque_orders
 from stadera.checks.limits import CheckLimits
 from stadera.checks.residual import Footing
@@ -57,28 +59,6 @@ from stadera.types import Array
 
 _ERRORS = ("rotor", "viscous", "coulomb", "offset", "imu_rotation", "accelerometer", "gain", "torque_lag", "encoder")
 """Errors of `stadera.trunk.error_model`; in the order of C's columns."""
-_STEP = 1e-4  # rad, of the differences by joint positions
-
-
-@dataclass(frozen=True, eq=False)
-class SwappedTorques:
-    """The hypothesis that torques are recorded in another order of the legs, twice its gain in log likelihood, and
-    whether it is certain: likelier also where something may push or pull the robot.
-    """
-
-    hypothesis: Hypothesis
-    gain: float
-    certain: bool
-
-
-@dataclass(frozen=True)
-class TorqueStep:
-    """A step of a torque sensor."""
-
-    joints: tuple[str, ...]  # the joint that explains it best, and those that explain it about as well
-    time: float  # [s], to within about half a second
-    size: float  # of the first joint [N·m], later minus earlier offset of the recorded torque
-    deviations: float  # z of the first joint
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,12 +69,13 @@ class TrunkRows:
     motion: Motion
     state: State
     hidden: Array  # (n, 6, L), what no joint tells of the contacts, of unit variance
-    displaced: list[State]  # with the k-th joints of all legs displaced by `_STEP`
+    displaced: list[State]  # with the k-th joints of all legs displaced by `step`
     matrix: Array  # (6 n, 10), A, with θ in units of the robot's mass and leg length
     by_force: Array  # (6, 3), of the trunk's wrench by the specific force
     scale: Array  # (6, 1), the unit [N, N·m]
     root: Array  # (p, p), root of the errors' covariance
     limit: Array  # (J,) [N·m], limits of the torques, by leg
+    step: ClassVar[float] = 1e-4  # rad, of the differences by joint positions
 
     @classmethod
     def of(cls, footing: Footing) -> TrunkRows | None:
@@ -106,7 +87,7 @@ class TrunkRows:
         motion = Motion(b.position, b.rate, b.slopes(b.rate), omega, alpha, a, footing.up)
         shifts = np.zeros((body.most, len(body.joints)))
         for leg in body.legs:
-            shifts[range(len(leg)), leg] = _STEP
+            shifts[range(len(leg)), leg] = cls.step
         still, rest = np.tile(b.position.mean(axis=0), (3, 1)), np.zeros((3, 3))
         fed = body.at(Motion(still, 0.0 * still, 0.0 * still, rest, rest, np.eye(3), np.zeros(3)))
         trunk = robot.inertias[robot.trunk]
@@ -140,7 +121,7 @@ class TrunkRows:
         effort[:, J] = torque
         own, *moved = (body.by_leg(s, body.left(s, motion, effort)) for s in (self.state, *self.displaced))
         place = np.concatenate([np.arange(len(leg)) for leg in body.legs])
-        by_joint = (np.array(moved)[place, :, body.leg_of[J]] - own[:, body.leg_of[J]].swapaxes(0, 1)) / _STEP
+        by_joint = (np.array(moved)[place, :, body.leg_of[J]] - own[:, body.leg_of[J]].swapaxes(0, 1)) / self.step
         terms = motion.acceleration[:, J], q_rate, direction(q_rate), np.ones_like(q_rate)
         parts = [own.sum(axis=1)[..., None], *(-E * x[:, None] for x in terms)]
         parts += [self.by_force @ skews(motion.specific_force), np.tile(-self.by_force, (len(E), 1, 1))]
@@ -202,9 +183,10 @@ class Likelihood:
         return cls(float(costs[best]), float(k[best, 0]), value, vector)
 
 
-def swapped_in_motion(footing: Footing) -> SwappedTorques | None:
-    """The order of torques that explains the motion better; None if the recorded one is not worse than by chance, or
-    the robot is at rest, or there is no IMU.
+def swapped_in_motion(footing: Footing) -> tuple[Hypothesis, float] | None:
+    """The order of torques that explains the motion better, known if it does so even where something may push or pull
+    the robot, and twice its gain in log likelihood; None if the recorded one is not worse than by chance, or the robot
+    is at rest, or there is no IMU.
     """
     limits, own = footing.limits, tuple(range(len(footing.robot.legs)))
     rows = TrunkRows.of(replace(footing, blocks=footing.blocks.thinned(limits.motion_instants, limits)))
@@ -227,7 +209,7 @@ def swapped_in_motion(footing: Footing) -> SwappedTorques | None:
         if now.cost - other.cost <= 0.5 * limits.order_gain:
             return None
     now, other = (fitted(*rows.by_second(each, pushed=True)) for each in (own, order))
-    return SwappedTorques(best, most, now.cost - other.cost > limits.order_certain)
+    return replace(best, known=now.cost - other.cost > limits.order_certain), most
 
 
 def pushing_at_rest(footing: Footing) -> Iterator[str]:
@@ -257,8 +239,8 @@ def _push(footing: Footing, a: int, b: int) -> float:
     return float((force[b] - force[a]) @ line) / (2.0 * float(np.linalg.norm(line)))
 
 
-def torque_step(footing: Footing) -> TorqueStep | None:
-    """The step with the largest z, if it is beyond chance and no small one; None if there is none, or no IMU."""
+def torque_step(footing: Footing) -> tuple[Finding, float] | None:
+    """The step with the largest z, and z², if it is beyond chance and not small; None if there is none, or no IMU."""
     limits, time, rows = footing.limits, footing.blocks.time, TrunkRows.of(footing)
     spans = [] if rows is None else list(_spans(footing))
     if rows is None or not spans:
@@ -275,8 +257,14 @@ def torque_step(footing: Footing) -> TorqueStep | None:
     if small or len(alike) > limits.step_alike_most:
         return None
     names = [joint for leg in footing.robot.legs for joint in leg.joints]
-    size, z = float(sizes[best] * rows.limit[best]), float(np.sqrt(squares[best]))
-    return TorqueStep(tuple(names[k] for k in alike), float(time[span.start + at]), size, z)
+    joints = " or ".join(repr(names[k]) for k in alike[:3])
+    how = f"by {sizes[best] * rows.limit[best]:.3g} N·m at about {time[span.start + at]:.1f} s"
+    text = (
+        f"the torque of {joints} jumps {how}, which neither the motion nor a load explains "
+        f"({np.sqrt(squares[best]):.1f} standard deviations); or something pushes or pulls the robot since then, which "
+        "looks alike"
+    )
+    return Finding("torque_step", text), float(squares[best])
 
 
 def _spans(footing: Footing) -> Iterator[tuple[slice, int]]:

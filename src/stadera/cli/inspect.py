@@ -65,7 +65,7 @@ def inspect(
     log = options.log(Path(target))
     if robot is None:
         summary = summarize(stream(log))
-        show(*log_contents(summary, _fitting(summary.joints, log)))
+        show(*log_contents(summary, _fitting(summary.head.joints, log)))
         return
     from stadera.weigh.weigh import inspected
 
@@ -118,7 +118,7 @@ def _fitting(joints: tuple[str, ...], log: "LogFile") -> list[str]:
     """Robots known by name that the log fits, with its legs where they are not all. Those that the log's feet carry
     come first, since robots of one family have joints of the same names.
     """
-    from stadera.checks.other_robot import likeness
+    from stadera.checks.other_robot import carriers
     from stadera.logs.reader import read_head
     from stadera.robot import load_robot
     from stadera.robot.load import fitting
@@ -126,11 +126,9 @@ def _fitting(joints: tuple[str, ...], log: "LogFile") -> list[str]:
     with progress() as watch:
         found = fitting(joints, watch)
     head = read_head(log, joints)
-    whole = [likeness(head, load_robot(name)) for name, legs in found.items() if len(legs) == 4]
-    near = [each for each in whole if each is not None and each.alike]
+    near = carriers(head, (load_robot(name) for name, legs in found.items() if len(legs) == 4))
     if not near:
         return [name if len(legs) == 4 else f"{name} ({', '.join(legs)})" for name, legs in found.items()]
-    near.sort(key=lambda each: abs(each.ratio - 1.0))
-    others = [name for name in found if name not in [each.name for each in near]]
-    said = [f"{each.name} (its feet carry {each.carried:.3g} kg, it has {each.mass:.3g})" for each in near]
+    others = [name for name in found if name not in [robot.name for robot, _ in near]]
+    said = [f"{robot.name} (its feet carry {kg:.3g} kg, it has {robot.mass:.3g})" for robot, kg in near]
     return said + ([f"by the joints' names alone {', '.join(others)}"] if others else [])

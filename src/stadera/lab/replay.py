@@ -24,7 +24,7 @@ import mujoco
 import numpy as np
 
 from stadera.body.friction import presliding
-from stadera.checks.guard import Guard
+from stadera.checks import Guard
 from stadera.errors import RecordingError, StaderaError, require_positive
 from stadera.identify.job import carried_shares, vertical_of
 from stadera.identify.log import chunks

@@ -118,11 +118,23 @@ def recordings(batches: Iterable[Array], layout: Layout, source: str, rows: int 
 
 
 def within(batches: Iterable[Array], budget: Budget, rows: int | None) -> Iterator[Array]:
-    """Yields the batches within the budget, else raises LimitError; with `rows` None they count as kept in memory."""
-    for batch in budget.timed(batches):
-        if rows is None:
-            budget.hold(batch.nbytes)
-        yield batch
+    """Yields the batches within the budget, else raises LimitError; with `rows` None they count as kept in memory. Only
+    the time spent producing them counts, from the first one on.
+    """
+
+    def counted() -> Iterator[Array]:
+        budget.resume()
+        for batch in batches:
+            budget.check_time()
+            if rows is None:
+                budget.hold(batch.nbytes)
+            budget.pause()
+            yield batch
+            budget.resume()
+        budget.check_time()
+
+    budget.pause()
+    return counted()
 
 
 def in_si(batches: Iterable[Array], layout: Layout) -> Iterator[Array]:
@@ -149,12 +161,16 @@ def _recording(batch: Array, layout: Layout, source: str, first: int, clock: Row
     values, samples, notes = _without_dropouts(batch, layout.columns, first)
     if not len(samples):
         return None
-    check_values(values.T, layout.columns, source, samples)
+    check_values(values[0], (TIME,), source, samples)
     time, kept, more = clock(values[0], samples)
     if not kept.any():
         return None
-    time, values, notes = time[kept], values if kept.all() else values[:, kept], notes + more
-    return _of_columns(time, values, layout, source, (layout.notes if first == 0 else ()) + notes)
+    time, values, samples = time[kept], values if kept.all() else values[:, kept], samples[kept]
+    try:
+        return _of_columns(time, values, layout, source, (*(layout.notes if first == 0 else ()), *notes, *more))
+    except RecordingError:
+        check_values(values.T, layout.columns, source, samples)  # the same, with the sample's place in the log
+        raise
 
 
 def _of_columns(time: Array, values: Array, layout: Layout, source: str, notes: tuple[str, ...]) -> Recording:

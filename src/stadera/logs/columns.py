@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
 
 from stadera.errors import RecordingError, UnknownNameError, listed
-from stadera.joint_words import matched, places
+from stadera.joint_words import LEG_NAMES, PARTS, matched, places
 from stadera.logs.foreign.translate import Translation, hint, translated
 from stadera.logs.topics import AS_RECORDED, DESIRED, PdGains, Reading, Topics
 
@@ -23,7 +23,6 @@ HALF_IMU = "left out the IMU: no column"
 """Beginning of the note on a log that has some of an IMU's columns."""
 IMU_FRAME = "imu.frame"
 """Key of the IMU frame's name in a Parquet table's metadata."""
-_LEG_JOINTS = 3
 
 
 @dataclass(frozen=True)
@@ -131,7 +130,7 @@ def _check_header(names: Sequence[str], source: str) -> None:
 def _with_names_of(joints: Sequence[str], table: Translation) -> Translation:
     """The columns named as these joints, all those of one leg or more, if the log has other names for them."""
     there = _owners(table.sources, ".position")
-    if len(joints) < _LEG_JOINTS or set(joints) & set(there):
+    if len(joints) < len(PARTS) or set(joints) & set(there):
         return table
     names = {own: joint for joint, own in (matched(joints, there) or {}).items()}
     note = [f"joints found by leg and part, {old!r} as {new!r}" for old, new in list(names.items())[:1]]
@@ -186,7 +185,7 @@ class _Header:
         if not found:
             raise self.missing("<joint>.position", "not a flat table: ")
         idle = tuple(joint for joint in found if f"{joint}.effort" not in self.names)
-        if not idle or len(found) - len(idle) < 4 * _LEG_JOINTS or places(idle):
+        if not idle or len(found) - len(idle) < len(LEG_NAMES) * len(PARTS) or places(idle):
             return found, ()
         note = f"left out joints of no leg that have no torque: {_listed(idle)}"
         return tuple(joint for joint in found if joint not in idle), (note,)

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from stadera.errors import RecordingError
-from stadera.logs.filters import apply, kernels
+from stadera.logs.filters import Kernels, apply, kernels
 from stadera.logs.recording import Recording, concatenate
 from stadera.logs.sampling import HEAD, Block, resampled, sampling_of, segments, windows
 from stadera.types import Array
@@ -42,9 +42,9 @@ class Preprocessing:
             )
 
 
-@dataclass(frozen=True)
+@dataclass
 class PreprocessingReport:
-    """Report on the preprocessing of a log, up to and including the chunk that carries it."""
+    """Report on the preprocessing of a log; its counts grow while chunks are read."""
 
     rate_hz: float  # of the result [Hz]
     cutoff_hz: float | None  # -3 dB [Hz], None where not filtered
@@ -129,76 +129,53 @@ def preprocess_stream(
     if not parts:
         raise RecordingError("too few samples: none")
     head = concatenate(parts)
-    return _Pass(head, settings, tuple(joints) if joints is not None else head.joints).over(chain([head], chunks))
+    sampling, names = sampling_of(head.time, head.source), tuple(joints) if joints is not None else head.joints
+    recorded = ("velocity", "acceleration") if settings.cutoff_hz is None else ()
+    channels = ["position", *(c for c in (*recorded, "effort") if getattr(head, c) is not None)]
+    derivatives, delay = not {"velocity", "acceleration"} <= set(channels), settings.effort_delay
+    window = kernels(sampling.rate_hz, settings.cutoff_hz, derivatives=derivatives, delay=delay)
+    length, notes = 2 * window.half + 1, dict[str, None]()
+    report = PreprocessingReport(sampling.rate_hz, settings.cutoff_hz, not sampling.even, length, delay)
 
+    def stacks() -> Iterator[tuple[Array, Array]]:
+        for chunk in chain([head], chunks):
+            report.samples_in += len(chunk)
+            notes.update(dict.fromkeys(chunk.notes))
+            yield chunk.time, np.concatenate([chunk.channel(name, names).T for name in channels])
 
-class _Pass:
-    """One pass over a log, prepared by its beginning: `channels` are stacked, each with a row for every joint."""
-
-    def __init__(self, head: Recording, settings: Preprocessing, joints: tuple[str, ...]) -> None:
-        self.settings, self.joints, self.source = settings, joints, head.source
-        self.channels = ["position"]
-        if settings.cutoff_hz is None:
-            self.channels += [name for name in ("velocity", "acceleration") if getattr(head, name) is not None]
-        if head.effort is not None:
-            self.channels.append("effort")
-        self.sampling = sampling_of(head.time, head.source)
-        derivatives = not {"velocity", "acceleration"} <= set(self.channels)
-        rate_hz, delay = self.sampling.rate_hz, settings.effort_delay
-        self.window = kernels(rate_hz, settings.cutoff_hz, derivatives=derivatives, delay=delay)
-        self.notes: dict[str, None] = {}
-        self.report = PreprocessingReport(
-            rate_hz, settings.cutoff_hz, not self.sampling.even, 2 * self.window.half + 1, delay
-        )
-
-    def over(self, chunks: Iterable[Recording]) -> Iterator[Processed]:
-        """Yields the results of consecutive chunks; the last one has the report on the whole log."""
-        blocks = segments(self._stacks(chunks), self.sampling)
-        if not self.sampling.even:
-            blocks = resampled(blocks, self.sampling.period)
-        pending: Processed | None = None
-        for block in windows(self._counted(blocks), self.window.half):
-            if pending is not None:
-                yield pending
-            pending = self._differentiated(block)
-        if pending is None:
-            window, found = self.report.window, self.report.segments
-            raise RecordingError(
-                f"{self.source}: too few samples: {self.report.samples_in} in {found} stretch{'es' * (found != 1)} "
-                f"without a gap, none as long as the {window} samples ({window * self.sampling.period:.3g} s) that the "
-                "filter needs"
-            )
-        yield replace(pending, report=self.report, notes=(*self.notes, *self.report.notes))
-
-    def _count(self, **counts: int) -> None:
-        self.report = replace(self.report, **{name: getattr(self.report, name) + n for name, n in counts.items()})
-
-    def _stacks(self, chunks: Iterable[Recording]) -> Iterator[tuple[Array, Array]]:
-        for chunk in chunks:
-            self.source = chunk.source
-            self._count(samples_in=len(chunk))
-            self.notes |= dict.fromkeys(chunk.notes)
-            yield chunk.time, np.concatenate([chunk.channel(name, self.joints).T for name in self.channels])
-
-    def _counted(self, blocks: Iterable[Block]) -> Iterator[Block]:
-        """Yields the same blocks; counts segments, and those shorter than a window."""
+    def counted(blocks: Iterable[Block]) -> Iterator[Block]:
         samples = 0
         for block in blocks:
             samples = len(block.time) + (0 if block.start else samples)
-            self._count(segments=block.start, short_segments=block.end and samples < self.report.window)
+            report.segments += block.start
+            report.short_segments += block.end and samples < length
             yield block
 
-    def _differentiated(self, block: Block) -> Processed:
-        """Every channel filtered; velocity and acceleration by the derivative kernels if they are not recorded."""
-        window = self.window
-        raw = dict(zip(self.channels, np.split(block.values, len(self.channels)), strict=True))
-        out = {name: apply(window.late if name == "effort" else window.value, rows) for name, rows in raw.items()}
-        if "velocity" not in raw:
-            out["velocity"] = apply(window.first, raw["position"])
-        if "acceleration" not in raw:
-            kernel, source = (window.first, "velocity") if "velocity" in raw else (window.second, "position")
-            out["acceleration"] = apply(kernel, raw[source])
-        self._count(samples_out=len(out["position"].T))
-        channels: dict[str, Any] = {"effort": None, **{name: values.T for name, values in out.items()}}
-        time = block.time[self.window.half : len(block.time) - self.window.half]
-        return Processed(time, self.joints, report=self.report, source=self.source, **channels)
+    blocks = segments(stacks(), sampling)
+    blocks = blocks if sampling.even else resampled(blocks, sampling.period)
+    pending: Processed | None = None
+    for block in windows(counted(blocks), window.half):
+        if pending is not None:
+            yield pending
+        time = block.time[window.half : len(block.time) - window.half]
+        report.samples_out += len(time)
+        pending = Processed(time, names, report=report, source=head.source, **_filtered(block, channels, window))
+    if pending is None:
+        raise RecordingError(
+            f"{head.source}: too few samples: {report.samples_in} in {report.segments} "
+            f"stretch{'es' * (report.segments != 1)} without a gap, none as long as the {length} samples "
+            f"({length * sampling.period:.3g} s) that the filter needs"
+        )
+    yield replace(pending, notes=(*notes, *report.notes))
+
+
+def _filtered(block: Block, channels: Sequence[str], window: Kernels) -> dict[str, Any]:
+    """Every channel filtered; velocity and acceleration by the derivative kernels if they are not recorded."""
+    raw = dict(zip(channels, np.split(block.values, len(channels)), strict=True))
+    out = {name: apply(window.late if name == "effort" else window.value, rows) for name, rows in raw.items()}
+    if "velocity" not in raw:
+        out["velocity"] = apply(window.first, raw["position"])
+    if "acceleration" not in raw:
+        kernel, source = (window.first, "velocity") if "velocity" in raw else (window.second, "position")
+        out["acceleration"] = apply(kernel, raw[source])
+    return {"effort": None, **{name: values.T for name, values in out.items()}}

@@ -8,7 +8,6 @@ from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from os import PathLike
 from pathlib import Path
-from typing import Protocol
 
 from stadera.boundary import foreign, require_input
 from stadera.errors import RecordingError
@@ -20,35 +19,19 @@ from stadera.logs.frames import columns_of
 from stadera.logs.mend import changed, sources_of
 from stadera.logs.recording import Recording, concatenate, take
 from stadera.logs.stamps import with_steps_of_motion
+from stadera.logs.tables import TableReader
 from stadera.logs.tables.arrays import MatTable, NpzTable
 from stadera.logs.tables.arrow import CsvTable, ParquetTable
 from stadera.logs.topics import EXAMPLES, LogFile
 
 Log = str | PathLike[str] | Recording
 """A log as accepted everywhere: a path, a LogFile (a path with topics), or a recording in memory; a data frame too."""
-HEAD_ROWS = 256
-"""Samples that tell a log's channels, joints and rate."""
 
 
-class Reader(Protocol):
-    """Protocol of a reader of one format: its name for messages, and lower-case suffixes of its files; may be empty."""
-
-    @property
-    def name(self) -> str: ...
-
-    @property
-    def suffixes(self) -> tuple[str, ...]: ...
-
-    def accepts(self, path: Path) -> bool:
-        """True if the content at `path` (not its name) has this format; reads the beginning only."""
-        ...
-
-    def stream(
-        self, log: LogFile, *, joints: Sequence[str] | None, require: Collection[str], rows: int | None
-    ) -> Iterator[Recording]:
-        """Like the module's `stream`; `rows` None: all in one. A format without topics refuses requested ones."""
-        ...
-
+Reader = TableReader | BagLog
+"""Reader of one format: its name for messages and lower-case suffixes of its files, whether it accepts a file by its
+content, and the recordings in it.
+"""
 
 # The first reader that accepts is used: formats with magic bytes come before those that accept any text.
 READERS: tuple[Reader, ...] = (
@@ -113,9 +96,9 @@ def stream(
     return _on_one_clock(reader, chunks)
 
 
-def read_head(log: Log, joints: Sequence[str] | None = None) -> Recording:
+def read_head(log: Log, joints: Sequence[str] | None = None, rows: int = 256) -> Recording:
     """The first samples of a log, enough for its channels and rate. RecordingError as `stream`, or for an empty log."""
-    for chunk in stream(log, joints=joints, rows=HEAD_ROWS):
+    for chunk in stream(log, joints=joints, rows=rows):
         return chunk
     raise RecordingError(f"{as_log(log).source}: no samples")
 

@@ -81,9 +81,9 @@ class Block:
         time = np.concatenate([earlier.time, self.time])
         return Block(time, np.concatenate([earlier.values, self.values], axis=1), earlier.start, self.end)
 
-    def between(self, first: int, last: int, *, start: bool, end: bool) -> Block:
-        """The samples from first up to, not including, last."""
-        return Block(self.time[first:last], self.values[:, first:last], start, end)
+    def last(self, count: int) -> Block:
+        """Its last samples, as a part in the midst of its segment."""
+        return Block(self.time[-count:], self.values[:, -count:], start=False, end=False)
 
 
 def segments(stacks: Iterable[tuple[Array, Array]], sampling: Sampling) -> Iterator[Block]:
@@ -134,7 +134,7 @@ def resampled(blocks: Iterable[Block], period: float) -> Iterator[Block]:
         grid: Array = origin + period * np.arange(count, steps, dtype=np.float64)
         curve = interpolate.CubicHermiteSpline(time, block.values, slopes, axis=1)
         yield Block(grid, np.ascontiguousarray(curve(grid)), start=count == 0, end=block.end)
-        kept, count = block.between(len(time) - 3, len(time), start=False, end=False), steps
+        kept, count = block.last(3), steps
 
 
 def windows(blocks: Iterable[Block], half: int) -> Iterator[Block]:
@@ -150,4 +150,4 @@ def windows(blocks: Iterable[Block], half: int) -> Iterator[Block]:
         kept = block
         if samples > 2 * half:
             yield block
-            kept = block.between(samples - 2 * half, samples, start=False, end=False)
+            kept = block.last(2 * half) if half else None

@@ -7,7 +7,6 @@ from itertools import chain
 import numpy as np
 
 from stadera.errors import RecordingError
-from stadera.logs.columns import CHANNELS
 from stadera.logs.recording import Recording
 from stadera.logs.sampling import GAP_FACTOR, HEAD
 from stadera.types import Array
@@ -24,42 +23,20 @@ _UNITS = {
 }
 
 
-@dataclass(frozen=True)
-class Range:
-    """Least and largest value of a signal, with its unit."""
-
-    name: str
-    low: float
-    high: float
-    unit: str
-
-
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class LogSummary:
     """Summary of a log."""
 
-    source: str
+    head: Recording  # its first samples, with its joints, channels and source
     samples: int
-    # start, end: first and last time stamp [s]
-    start: float
-    end: float
+    end: float  # last time stamp [s]
     period: float  # median step between the first stamps [s]
     uneven: float  # share of all steps that differ from the period by more than a tenth of it
     # steps of more than five periods: begin and duration of each [s]; the first 1000
     gaps: tuple[tuple[float, float], ...]
     gap_count: int  # of all
-    joints: tuple[str, ...]
-    feet: tuple[str, ...]
-    channels: tuple[str, ...]  # recorded ones of the joints
-    has_imu: bool
-    imu_frame: str | None  # frame of the IMU's values, None if the log does not state it
-    ranges: tuple[Range, ...]  # of every signal
+    ranges: tuple[tuple[str, float, float, str], ...]  # of every signal: its name, least and largest value, unit
     notes: tuple[str, ...]
-
-    @property
-    def duration(self) -> float:
-        """From the first to the last stamp [s]."""
-        return self.end - self.start
 
 
 def summarize(chunks: Iterable[Recording], most_gaps: int = 1000) -> LogSummary:
@@ -67,17 +44,16 @@ def summarize(chunks: Iterable[Recording], most_gaps: int = 1000) -> LogSummary:
     Raises RecordingError: fewer than two samples.
     """
     chunks = iter(chunks)
-    first = next(chunks, None)
-    if first is None:
+    head = next(chunks, None)
+    if head is None:
         raise RecordingError("recording: too few samples: 0")
-    period = float(np.median(np.diff(first.time[:HEAD]))) if len(first) > 1 else float("nan")
-    start = float(first.time[0])
-    last = start - period
+    period = float(np.median(np.diff(head.time[:HEAD]))) if len(head) > 1 else float("nan")
+    last = float(head.time[0]) - period
     extremes: dict[str, tuple[Array, Array]] = {}
     notes: dict[str, None] = {}
     gaps: list[tuple[float, float]] = []
     samples = uneven = gap_count = 0
-    for chunk in chain([first], chunks):
+    for chunk in chain([head], chunks):
         notes |= dict.fromkeys(chunk.notes)
         stamps = np.concatenate([[last], chunk.time])
         step = np.diff(stamps)
@@ -91,25 +67,12 @@ def summarize(chunks: Iterable[Recording], most_gaps: int = 1000) -> LogSummary:
                 low, high = extremes.get(name, (values[0], values[0]))
                 extremes[name] = np.minimum(low, values.min(axis=0)), np.maximum(high, values.max(axis=0))
     if samples < 2:
-        raise RecordingError(f"{first.source}: too few samples: {samples}")
+        raise RecordingError(f"{head.source}: too few samples: {samples}")
+    ranges = [
+        (column, float(least), float(most), _UNITS[name.rpartition(".")[-1]])
+        for name, (low, high) in extremes.items()
+        for column, least, most in zip(head.columns(name), low, high, strict=True)
+    ]
     return LogSummary(
-        source=first.source,
-        samples=samples,
-        start=start,
-        end=last,
-        period=period,
-        uneven=uneven / samples,
-        gaps=tuple(gaps),
-        gap_count=gap_count,
-        joints=first.joints,
-        feet=tuple(dict.fromkeys((*first.foot_force, *first.foot_contact))),
-        channels=tuple(name for name in CHANNELS if getattr(first, name) is not None),
-        has_imu=first.imu is not None,
-        imu_frame=None if first.imu is None else first.imu.frame,
-        ranges=tuple(
-            Range(column, float(a), float(b), _UNITS[name.rpartition(".")[-1]])
-            for name, (low, high) in extremes.items()
-            for column, a, b in zip(first.columns(name), low, high, strict=True)
-        ),
-        notes=tuple(notes),
+        head, samples, last, period, uneven / samples, tuple(gaps), gap_count, tuple(ranges), tuple(notes)
     )

@@ -85,11 +85,6 @@ class Units:
                 of |= dict.fromkeys([quantity] if quantity else _quantities_of(unit), unit)
         return cls(of, rate)
 
-    def factor(self, column: str) -> float:
-        """Factor to SI for a column of the flat table."""
-        quantity = quantity_of(column)
-        return FACTORS[quantity][self.of[quantity]] if quantity in self.of else 1.0
-
     def over(self, other: Units) -> Units:
         """These units, completed by another's where they are unspecified."""
         return Units({**other.of, **self.of}, other.rate_hz if self.rate_hz is None else self.rate_hz)

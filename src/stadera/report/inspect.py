@@ -9,6 +9,7 @@ from rich.console import RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from stadera.logs.columns import CHANNELS
 from stadera.report.numbers import number
 from stadera.report.table import SHOWN, Cell, Row, TableData, notes, rich_table
 
@@ -65,9 +66,10 @@ def log_contents(
     summary: LogSummary, fits: Sequence[str], inspection: Inspection | None = None
 ) -> Iterator[RenderableType]:
     """A log's duration, rate, gaps and signals, matching robots, and faults if they were checked."""
-    yield Text(f"{summary.source}: {summary.duration:.3f} s, {summary.samples} samples", style="bold")
+    duration = summary.end - summary.head.time[0]
+    yield Text(f"{summary.head.source}: {duration:.3f} s, {summary.samples} samples", style="bold")
     yield _facts(summary, fits)
-    ranges = ((signal.name, number(signal.low), number(signal.high), signal.unit) for signal in summary.ranges)
+    ranges = ((name, number(low), number(high), unit) for name, low, high, unit in summary.ranges)
     yield rich_table(TableData.of("Ranges", ("column", "least", "largest", "unit"), ranges, sides="lrrl"))
     yield from notes(summary.notes)
     if inspection is not None:
@@ -87,16 +89,18 @@ def _verdict(inspection: Inspection) -> Iterator[Text]:
 
 
 def _facts(summary: LogSummary, fits: Sequence[str]) -> Table:
-    frame = f", in frame {summary.imu_frame}" if summary.imu_frame else ""
+    head = summary.head
+    frame = f", in frame {head.imu.frame}" if head.imu is not None and head.imu.frame else ""
+    channels = ", ".join(name for name in CHANNELS if getattr(head, name) is not None)
     shown = ", ".join(f"{length:.3f} s at {start:.3f} s" for start, length in summary.gaps[: SHOWN.gaps])
     left = f" and {summary.gap_count - SHOWN.gaps} more" if summary.gap_count > SHOWN.gaps else ""
     named = {
-        "time": f"{summary.start:.3f} to {summary.end:.3f} s",
+        "time": f"{head.time[0]:.3f} to {summary.end:.3f} s",
         "rate": f"{1.0 / summary.period:.6g} Hz, {100.0 * summary.uneven:.2g} % of the steps off by over 10 %",
         "gaps": f"{summary.gap_count}: {shown}{left}" if summary.gap_count else "none",
-        "joints": f"{len(summary.joints)}, with {', '.join(summary.channels)}",
-        "imu": f"yes{frame}" if summary.has_imu else "no",
-        "feet": ", ".join(summary.feet) or "none",
+        "joints": f"{len(head.joints)}, with {channels}",
+        "imu": f"yes{frame}" if head.imu is not None else "no",
+        "feet": ", ".join(dict.fromkeys((*head.foot_force, *head.foot_contact))) or "none",
         "fits": ", ".join(fits) or "no robot known by name",
     }
     drawn = Table(box=None, show_header=False, padding=(0, 2, 0, 0))

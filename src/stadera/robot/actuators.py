@@ -14,7 +14,6 @@ from math import isfinite
 import stadera
 from stadera.robot.model import JointDynamics, Robot
 
-_RANGE = 2.0  # standard deviations on each side
 _UNITS = {"armature": "kg·m²", "viscous": "N·m·s/rad", "coulomb": "N·m"}
 _ISAAC = {"armature": "armature", "friction": "coulomb", "dynamic_friction": "coulomb", "viscous_friction": "viscous"}
 _MJLAB = {"armature": "armature", "frictionloss": "coulomb"}
@@ -54,7 +53,7 @@ def actuators_yaml(robot: Robot, torque_lag: float | None = None, source: str = 
     for field, term in _MJLAB.items():
         lines += _table(field, {joint: getattr(robot.dynamics[joint], term) for joint in joints})
     lines += _table("joint_damping", {joint: robot.dynamics[joint].viscous for joint in joints})
-    lines += ["", f"randomisation:  # value ± {_RANGE:g} standard deviations, not below zero"]
+    lines += ["", "randomisation:  # value ± 2 standard deviations, not below zero"]
     lines += _ranges(robot.dynamics, known)
     return "\n".join(lines) + "\n"
 
@@ -79,5 +78,5 @@ def _ranges(dynamics: Mapping[str, JointDynamics], known: Mapping[str, Mapping[s
         yield f"  {term}:  # {unit}"
         for joint, stds in known.items():
             if term in stds:
-                value, off = getattr(dynamics[joint], term), _RANGE * stds[term]
+                value, off = getattr(dynamics[joint], term), 2.0 * stds[term]
                 yield f"    {joint}: [{max(value - off, 0.0):.6g}, {value + off:.6g}]"

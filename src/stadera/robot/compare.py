@@ -11,12 +11,10 @@ from math import isfinite
 
 import numpy as np
 
+from stadera.constants import SAME
 from stadera.robot.imu import ImuMount
 from stadera.robot.model import Robot
 from stadera.types import Array
-
-SAME = 1e-6
-"""Relative difference below which two values are the same: a file's rounding."""
 
 _LEAST = 1e-3  # size that a smaller value's rounding is a share of, in the value's unit
 _DYNAMICS = {"armature": "kg·m²", "viscous": "N·m·s/rad", "coulomb": "N·m"}

@@ -17,9 +17,8 @@ from stadera.robot.catalog import CATALOG, resolve
 from stadera.robot.extra import ExtraJoints
 from stadera.robot.legs import Chain, find_legs
 from stadera.robot.model import Frame, JointLimits, Leg, Robot, Shape, Tree
-from stadera.robot.modelfile import ModelFile
-from stadera.robot.rooted import rooted_at
-from stadera.robot.sense import check_sense, checked_limits
+from stadera.robot.modelfile import ModelFile, rooted_at
+from stadera.robot.sense import check_sense
 from stadera.robot.shapes import FLAT, find_foot, find_sole, fitted_shapes
 from stadera.robot.sole import find_wheel, with_unfelt
 from stadera.robot.xml import Document, read_xml
@@ -229,16 +228,19 @@ def _limits(file: ModelFile, order: list[int]) -> tuple[dict[str, JointLimits], 
     limits: dict[str, JointLimits] = {}
     notes: list[str] = []
     for joint in map(file.joint, order):
-        stated, velocity, effort = joint.limits, joint.limits.velocity, joint.limits.effort
-        try:
-            lower, upper, note = checked_limits(joint.name, stated.lower, stated.upper)
-        except ModelError as error:
-            raise ModelError(f"{file.path}: {error}") from error
-        notes += [note] if note else []
-        if velocity <= 0 or effort <= 0:
+        found = joint.limits
+        if found.lower > found.upper:
+            wrong = f"its lower limit {found.lower:g} rad is above its upper limit {found.upper:g} rad"
+            raise ModelError(f"{file.path}: joint {joint.name!r}: {wrong}")
+        if found.lower == found.upper:
+            room = f"limits {found.lower:g} to {found.upper:g} rad leave no room"
+            notes.append(f"joint {joint.name}: {room} and are read as none")
+            found = replace(found, lower=-np.inf, upper=np.inf)
+        if found.velocity <= 0 or found.effort <= 0:
             notes.append(f"joint {joint.name}: a limit of zero velocity or effort is read as none")
-            velocity, effort = velocity if velocity > 0 else np.inf, effort if effort > 0 else np.inf
-        limits[joint.name] = JointLimits(lower, upper, velocity, effort)
+            velocity, effort = (limit if limit > 0 else np.inf for limit in (found.velocity, found.effort))
+            found = replace(found, velocity=velocity, effort=effort)
+        limits[joint.name] = found
     return limits, notes
 
 

@@ -18,10 +18,10 @@ import numpy as np
 from stadera.constants import GRAVITY
 from stadera.errors import ModelError, UnknownNameError, require_known
 from stadera.inertia import InertialParameters
+from stadera.joint_words import LEG_NAMES as LEG_NAMES
+from stadera.joint_words import PARTS
 from stadera.robot.extra import ExtraJoints
 from stadera.types import Array
-
-LEG_NAMES: tuple[str, ...] = ("LF", "RF", "LH", "RH")
 
 
 @dataclass(frozen=True, eq=False)
@@ -228,13 +228,14 @@ class Robot:
     @property
     def quadruped(self) -> bool:
         """True if it has the legs LF, RF, LH and RH of three joints each."""
-        return tuple(leg.name for leg in self.legs) == LEG_NAMES and all(len(leg.joints) == 3 for leg in self.legs)
+        legs = {leg.name: len(leg.joints) for leg in self.legs}
+        return tuple(legs) == LEG_NAMES and set(legs.values()) == {len(PARTS)}
 
     @property
     def kinds(self) -> tuple[str, ...]:
         """Names of the kinds of joints that its legs have, from the trunk outwards."""
         most = max(len(leg.joints) for leg in self.legs)
-        return ("HAA", "HFE", "KFE") if self.quadruped else tuple(f"no. {k + 1}" for k in range(most))
+        return PARTS if self.quadruped else tuple(f"no. {k + 1}" for k in range(most))
 
     @cached_property
     def leg_length(self) -> float:

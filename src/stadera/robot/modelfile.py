@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
 
-from stadera.errors import ModelError
+from stadera.errors import ModelError, require_known
 from stadera.inertia import InertialParameters
 from stadera.robot.model import JointDynamics, JointLimits, Shape
 from stadera.types import Array
@@ -135,3 +135,38 @@ class ModelFile:
         for link, (at, R, p) in zip(self.links, carried, strict=True):
             found[at] = found.get(at, InertialParameters.zero()) + link.body.transformed(R, p)
         return found
+
+
+def rooted_at(file: ModelFile, name: str) -> ModelFile:
+    """The file with another link, which its owner names, as its root and trunk. UnknownNameError: no such link.
+
+    Joints between the old root and the new one are turned round. A joint from P to C with the pose T at zero moves P,
+    seen from C, as one about its negative axis at C's origin, then T⁻¹: so C carries a link without mass by a joint of
+    the same name and position, and that link carries P, fixed.
+    """
+    names = [link.name for link in file.links]
+    require_known("link", (name,), names, file.name)
+    links, child = list(file.links), names.index(name)
+    up, still = links[child].parent, (np.eye(3), np.zeros(3))
+    links[child] = FileLink(name, -1, *still, links[child].body, None, links[child].origin)
+    while up >= 0:
+        turned, at = file.links[child], child
+        if (joint := turned.joint) is not None:
+            around = replace(joint, axis=-joint.axis)
+            links.append(FileLink(f"{joint.name}_turned_round", child, *still, InertialParameters.zero(), around))
+            at = len(links) - 1
+        R = turned.rotation.T
+        links[up] = replace(links[up], parent=at, rotation=R, translation=-R @ turned.translation, joint=None)
+        child, up = up, file.links[up].parent
+    return _in_order(replace(file, trunk=name), links, names.index(name))
+
+
+def _in_order(file: ModelFile, links: list[FileLink], root: int) -> ModelFile:
+    """The file with these links, the root first and each after its parent."""
+    order = [root]
+    for k in order:
+        order += [child for child, link in enumerate(links) if link.parent == k]
+    places = {k: place for place, k in enumerate(order)} | {-1: -1}
+    moved = tuple(replace(links[k], parent=places[links[k].parent]) for k in order)
+    sites = {name: (places[k], R, p) for name, (k, R, p) in file.sites.items()}
+    return replace(file, links=moved, sites=sites)

@@ -33,17 +33,6 @@ def check_sense(robot: Robot, limits: ModelLimits | None = None) -> tuple[str, .
     return tuple(_angles(robot, limits))
 
 
-def checked_limits(joint: str, lower: float, upper: float) -> tuple[float, float, str]:
-    """Limits of a joint's position [rad], and a note if they were ignored because they leave no range. Raises
-    ModelError: the lower limit is above the upper one.
-    """
-    if lower > upper:
-        raise ModelError(f"joint {joint!r}: its lower limit {lower:g} rad is above its upper limit {upper:g} rad")
-    if lower == upper:
-        return -np.inf, np.inf, f"joint {joint}: limits {lower:g} to {upper:g} rad leave no room and are read as none"
-    return lower, upper, ""
-
-
 def _masses(robot: Robot, limits: ModelLimits) -> Iterator[str]:
     if not limits.lightest < robot.mass < limits.heaviest:
         unit = "grams" if robot.mass > limits.heaviest else "tonnes"

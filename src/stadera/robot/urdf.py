@@ -27,7 +27,6 @@ from stadera.robot.xml import (
 )
 from stadera.types import Array
 
-_DUMMY_MASS_RATIO = 1e-3  # a root this light compared with its fixed child is only the root of the tree
 _KINDS: dict[str, Any] = {"revolute": "turns", "continuous": "turns", "prismatic": "slides", "fixed": "fixed"}
 _KINDS |= dict.fromkeys(("floating", "planar"), "other")
 _TENSOR = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
@@ -122,9 +121,9 @@ def _joint(joint: ET.Element) -> FileJoint | None:
     return FileJoint(name, _KINDS[kind], axis / (length if _KINDS[kind] != "other" else 1.0), limits, torques)
 
 
-def _trunk_name(file: ModelFile, meshed: set[str]) -> str:
-    """The root link; if that is a dummy (no mass, no mesh), the heaviest link with a shape that is fixed to it at
-    identity.
+def _trunk_name(file: ModelFile, meshed: set[str], dummy: float = 1e-3) -> str:
+    """The root link; if that is only the root of the tree (no mesh, and a mass of less than a share `dummy`), the
+    heaviest link with a shape that is fixed to it at identity.
     """
     root, shown = file.links[0], meshed | {shape.link for shape in file.shapes}
     there = [
@@ -133,8 +132,8 @@ def _trunk_name(file: ModelFile, meshed: set[str]) -> str:
         if at == 0 and link.name in shown and max(np.abs(R - np.eye(3)).max(), np.abs(p).max()) < 1e-9
     ]
     heaviest = max(there, key=lambda link: link.body.mass, default=root)
-    dummy = root.name not in meshed and root.body.mass < _DUMMY_MASS_RATIO * heaviest.body.mass
-    return (heaviest if dummy else root).name
+    is_dummy = root.name not in meshed and root.body.mass < dummy * heaviest.body.mass
+    return (heaviest if is_dummy else root).name
 
 
 # -- elements of the XML ----------------------------------------------------------------------------------------------

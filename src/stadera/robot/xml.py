@@ -27,13 +27,13 @@ from stadera.types import Array
 
 @dataclass(frozen=True, eq=False)
 class Document:
-    """A root element with all comments in it, the comments before it, and the elements in the file's order, with the
-    file; None for an expanded xacro.
+    """A root element with all comments in it, and the comments before it; each element with its attributes in the file
+    and the place where its tag begins there [bytes]; the file, None for an expanded xacro.
     """
 
     root: ET.Element
     remarks: list[str]
-    elements: list[ET.Element]
+    tags: list[tuple[ET.Element, dict[str, str], int]]
     path: Path | None
 
     def remark(self, text: str) -> None:
@@ -43,24 +43,19 @@ class Document:
     def write(self, stream: IO[str]) -> None:
         """Writes it to a stream in UTF-8; tags whose attributes are the file's stay as they are there."""
         comments = "".join(f"<!--{text}-->\n" for text in self.remarks)
-        kept = {} if self.path is None else _kept(self.elements, self.path.read_bytes())
+        kept = {} if self.path is None else self._kept(self.path.read_bytes())
         stream.write(f'<?xml version="1.0" encoding="utf-8"?>\n{comments}')
         stream.writelines(_written(self.root, kept))
         stream.write("\n")
 
-
-def _kept(elements: list[ET.Element], text: bytes) -> dict[ET.Element, str]:
-    """The start tag of each element whose attributes are as in the file, as it is there."""
-    found: list[tuple[int, dict[str, str]]] = []
-    parser = expat.ParserCreate()
-    parser.StartElementHandler = lambda _, attributes: found.append((parser.CurrentByteIndex, attributes))
-    parser.Parse(text, True)
-    kept = {}
-    for element, (begin, attributes) in zip(elements, found, strict=True):
-        if element.attrib == attributes and (tag := _TAG.match(text, begin)):
-            with suppress(UnicodeDecodeError):  # of a file in another encoding
-                kept[element] = tag.group().decode()
-    return kept
+    def _kept(self, text: bytes) -> dict[ET.Element, str]:
+        """The start tag of each element whose attributes are as in the file, as it is there."""
+        kept = {}
+        for element, attributes, begin in self.tags:
+            if element.attrib == attributes and (tag := _TAG.match(text, begin)):
+                with suppress(UnicodeDecodeError):  # of a file in another encoding
+                    kept[element] = tag.group().decode()
+        return kept
 
 
 _TAG = re.compile(rb"""<(?:[^<>"']|"[^"]*"|'[^']*')*>""")
@@ -89,19 +84,25 @@ def _written(element: ET.Element, kept: Mapping[ET.Element, str]) -> Iterator[st
 
 
 class _Builder(ET.TreeBuilder):
-    """Builds a tree, and counts elements."""
+    """Builds a tree from a file, and counts elements."""
 
     def __init__(self, path: Path, limits: Limits) -> None:
         super().__init__(insert_comments=True)
-        self._path, self._limits, self.remarks = path, limits, list[str]()
-        self.elements, self._depth = list[ET.Element](), 0
+        self._path, self._limits, self._depth, self.remarks = path, limits, 0, list[str]()
+        self.tags = list[tuple[ET.Element, dict[str, str], int]]()
+        self.parser = expat.ParserCreate()
+        self.parser.buffer_text = True
+        self.parser.StartElementHandler, self.parser.EndElementHandler = self.start, self.end
+        self.parser.CharacterDataHandler, self.parser.CommentHandler = self.data, self.remark
+        self.parser.StartDoctypeDeclHandler = self.doctype
 
     def start(self, tag: str, attrs: dict[str, str]) -> ET.Element:  # type: ignore[override]
         self._depth += 1
-        self._limits.require("elements", len(self.elements) + 1, self._path, "elements")
+        self._limits.require("elements", len(self.tags) + 1, self._path, "elements")
         self._limits.require("depth", self._depth, self._path, "elements in each other")
-        self.elements.append(super().start(tag, attrs))
-        return self.elements[-1]
+        element = super().start(tag, attrs)
+        self.tags.append((element, dict(attrs), self.parser.CurrentByteIndex))
+        return element
 
     def end(self, tag: str) -> ET.Element:
         self._depth -= 1
@@ -111,7 +112,7 @@ class _Builder(ET.TreeBuilder):
         """Keeps a comment, also one before the root."""
         if self._depth:
             self.comment(text)
-        elif not self.elements:
+        elif not self.tags:
             self.remarks.append(text)
 
     def doctype(self, *_: object) -> None:
@@ -125,15 +126,11 @@ def read_xml(path: Path, limits: Limits = DEFAULTS) -> Document:
         LimitError: more elements, or deeper nesting, than the limits allow. ModelError: a DOCTYPE, or as `expanded`.
         MissingExtraError: as `expanded`. expat.ExpatError, LookupError: not XML, or of an unknown encoding.
     """
-    builder, parser = _Builder(path, limits), expat.ParserCreate()
-    parser.buffer_text = True
-    parser.StartElementHandler, parser.EndElementHandler = builder.start, builder.end
-    parser.CharacterDataHandler, parser.CommentHandler = builder.data, builder.remark
-    parser.StartDoctypeDeclHandler = builder.doctype
-    for piece in [expanded(path)] if is_xacro(path) else _pieces(path):
-        parser.Parse(piece)
-    parser.Parse(b"", True)
-    return Document(builder.close(), builder.remarks, builder.elements, None if is_xacro(path) else path)
+    builder, xacro = _Builder(path, limits), is_xacro(path)
+    for piece in [expanded(path)] if xacro else _pieces(path):
+        builder.parser.Parse(piece)
+    builder.parser.Parse(b"", True)
+    return Document(builder.close(), builder.remarks, builder.tags, None if xacro else path)
 
 
 def _pieces(path: Path) -> Iterator[bytes]:

@@ -199,22 +199,19 @@ class Track:
 
     def at(self, stamps: Stamps) -> Array:
         """Values at these stamps, (stamps, columns); NaN where there is none."""
-        out = np.full((len(stamps), self.values.shape[1]), np.nan)
         if not len(self.stamps):
-            return out
-        after = np.searchsorted(self.stamps, stamps, side="left")
-        own = (after < len(self.stamps)) & (self.stamps[np.minimum(after, len(self.stamps) - 1)] == stamps)
-        out[own] = self.values[after[own]]
-        inside = np.flatnonzero(~own & (after > 0) & (after < len(self.stamps)))
-        left, right = self.stamps[after[inside] - 1], self.stamps[after[inside]]
-        bridged = ~(right - left > GAP_FACTOR * self.period)
-        inside, left, right = inside[bridged], left[bridged], right[bridged]
-        share = ((stamps[inside] - left) / (right - left))[:, None]
-        low, high = self.values[after[inside] - 1], self.values[after[inside]]
-        out[inside] = low + share * (high - low)
-        if self._quaternion is not None and len(inside):
-            part = self._quaternion
-            out[inside[:, None], part] = _slerp(low[:, part], high[:, part], share)
+            return np.full((len(stamps), self.values.shape[1]), np.nan)
+        own, wanted = (x - self.stamps[0] for x in (self.stamps, stamps))  # small enough for doubles
+        out = np.column_stack([np.interp(wanted, own, column, np.nan, np.nan) for column in self.values.T])
+        after = np.clip(np.searchsorted(own, wanted), 1, max(len(own) - 1, 1))
+        left, right = own[after - 1], own[np.minimum(after, len(own) - 1)]
+        between = (left < wanted) & (wanted < right)
+        out[between & (right - left > GAP_FACTOR * self.period)] = np.nan
+        bridged = np.flatnonzero(between & ~(right - left > GAP_FACTOR * self.period))
+        if self._quaternion is not None and len(bridged):
+            share = ((wanted - left) / np.maximum(right - left, 1))[bridged, None]
+            low, high = (self.values[after[bridged] - back][:, self._quaternion] for back in (1, 0))
+            out[bridged[:, None], self._quaternion] = _slerp(low, high, share)
         return out
 
     def drop(self, count: int) -> None:

@@ -38,21 +38,6 @@ class Choice:
     notes: tuple[str, ...]
 
 
-@dataclass(frozen=True)
-class _Candidate:
-    """A candidate topic: its rate [Hz], NaN if unknown, and the joints of its first message."""
-
-    name: str
-    kind: str
-    rate: float
-    joints: tuple[str, ...]
-
-    def __str__(self) -> str:
-        joints = f", {len(self.joints)} joints" if self.joints else ""
-        rate = f", {self.rate:.4g} Hz" if self.rate == self.rate else ", fewer than two messages"
-        return f"{self.name} ({self.kind}{rate}{joints})"
-
-
 def choose(offer: Offer, topics: Topics, joints: Sequence[str] | None, settings: BagSettings) -> Choice:
     """Chooses the topics of joints and IMU. Raises RecordingError: a topic does not exist or has another type, there is
     none of joints, or several match.
@@ -96,11 +81,12 @@ def _joint_topic(offer: Offer, states: Sequence[str], joints: Sequence[str] | No
     fitting = [name for name in states if _fast_twin(name) not in states]
     if len(fitting) == 1:
         return fitting[0]
-    candidates = _measured(offer, fitting, joints, settings)
-    whole = [c for c in candidates if joints and set(joints) <= set(c.joints)]
+    found = _measured(offer, fitting, joints, settings)
+    whole = [name for name in fitting if joints and found[name][1].issuperset(joints)]
     if len(whole) == 1:
-        return whole[0].name
-    raise _several(offer, whole or candidates, "joints' states", "--joint-topic")
+        return whole[0]
+    said = ", ".join(found[name][0] for name in whole or fitting)
+    raise RecordingError(f"{offer.source}: several topics of joints' states: {said}; choose one with --joint-topic")
 
 
 def _imu_topic(offer: Offer, asked: str | None, joint: str, states: Sequence[str], settings: BagSettings) -> str | None:
@@ -113,7 +99,8 @@ def _imu_topic(offer: Offer, asked: str | None, joint: str, states: Sequence[str
     nearest = max((_shared(name, joint) for name in own), default=0)
     own = [name for name in own if _shared(name, joint) == nearest]
     if len(own) > 1:
-        raise _several(offer, _measured(offer, own, None, settings), IMU, "--imu-topic")
+        said = ", ".join(text for text, _ in _measured(offer, own, None, settings).values())
+        raise RecordingError(f"{offer.source}: several topics of {IMU}: {said}; choose one with --imu-topic")
     return own[0] if own else None
 
 
@@ -138,30 +125,25 @@ def _check_asked(offer: Offer, fitting: Sequence[str], asked: str, option: str, 
         raise RecordingError(f"{offer.source}: {option} {asked} is a {offer.topics[asked].kind}; {listed}")
 
 
-def _several(offer: Offer, candidates: Sequence[_Candidate], what: str, option: str) -> RecordingError:
-    listed = ", ".join(map(str, candidates))
-    return RecordingError(f"{offer.source}: several topics of {what}: {listed}; choose one with {option}")
-
-
 def _measured(
     offer: Offer, names: Sequence[str], joints: Sequence[str] | None, settings: BagSettings
-) -> list[_Candidate]:
-    """The candidates with their rates and joints, measured at the beginning of the log."""
+) -> dict[str, tuple[str, set[str]]]:
+    """By topic, its description, with its rate, and the joints in it, measured at the beginning of the log."""
     first: dict[str, list[Message]] = {name: [] for name in names}
     for message in islice(offer.first(names), settings.most_ahead):
         if len(first[message.topic]) < settings.head:
             first[message.topic].append(message)
         elif all(len(messages) > 1 for messages in first.values()):
             break
-    candidates = []
+    found = {}
     for name, messages in first.items():
-        topic = offer.topics[name]
-        span = 1e-9 * (messages[-1].received - messages[0].received) if len(messages) > 1 else 0.0
-        rate = (len(messages) - 1) / span if span else float("nan")
-        known: dict[str, None] = {}
+        topic, rate = offer.topics[name], "fewer than two messages"
+        if len(messages) > 1 and (span := messages[-1].received - messages[0].received):
+            rate = f"{1e9 * (len(messages) - 1) / span:.4g} Hz"
+        known: set[str] = set()
         decode = decoder(topic, offer.encoding, joints, settings)
         for message in messages[:8] if topic.kind != IMU else ():
             with suppress(Exception):  # the libraries raise many kinds of errors on damaged bytes
-                known |= dict.fromkeys(joints_in(decode([message])[0].columns))
-        candidates.append(_Candidate(name, topic.kind, rate, tuple(known)))
-    return candidates
+                known.update(joints_in(decode([message])[0].columns))
+        found[name] = f"{name} ({topic.kind}, {rate}{f', {len(known)} joints' if known else ''})", known
+    return found

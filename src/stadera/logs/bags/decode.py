@@ -116,7 +116,7 @@ def uncompressed(data: bytes) -> bytes:
     size = zstandard.frame_content_size(data)
     DEFAULTS.require("unpacked", size, "a message", "bytes that it unpacks to")
     if size < 0:  # not stated
-        return zstandard.ZstdDecompressor().stream_reader(data).read(1 << 24)
+        return zstandard.ZstdDecompressor().stream_reader(data).read(int(DEFAULTS.unpacked))
     return zstandard.ZstdDecompressor().decompress(data)
 
 

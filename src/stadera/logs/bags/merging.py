@@ -21,9 +21,8 @@ Columns = tuple[str, ...]
 
 @dataclass(frozen=True, eq=False)
 class Beginning:
-    """A bag's first messages and the layout derived from them. Columns are named as in the flat table."""
+    """The layout of a bag, derived from its first messages. Columns are named as in the flat table."""
 
-    samples: tuple[Decoded, ...]
     # for each publisher of joints, identified by its samples' columns, the columns that ever have a value. The
     # publisher whose stamps are used comes first.
     joints: Mapping[frozenset[str], Columns]
@@ -55,7 +54,7 @@ def first_samples(
 
 
 def beginning_of(
-    head: Sequence[Decoded], joint_topic: str, imu_topic: str | None, joints: Sequence[str] | None
+    head: Iterable[Decoded], joint_topic: str, imu_topic: str | None, joints: Sequence[str] | None
 ) -> Beginning:
     """Derives the layout for the requested joints (None: all) from the first messages. Raises RecordingError: the
     publishers contradict each other.
@@ -66,7 +65,6 @@ def beginning_of(
     fault = _fault(of_imu) if imu_topic is not None else ""
     usable = bool(of_imu) and not fault
     return Beginning(
-        samples=tuple(head),
         joints=_publishers(of_joints, joints, imu=imu_topic is None),
         imu=_known(of_imu) if usable else None,
         imu_frame=(of_imu[0].frame or None) if usable else None,

@@ -25,7 +25,6 @@ G1_MOTORS = (
     *(f"{side}_{part}_joint" for side in ("left", "right") for part in _ARM),
 )
 """The same of a G1 with 29 joints, as its developers' guide numbers them."""
-_PARALLEL = 1  # `mode_pr`: 0 where ankles and waist tell pitch and roll, 1 where they tell their two motors, A and B
 _SEPARATOR = f"{'=' * 80}\nMSG: "
 _IMU = "float32[4] quaternion\nfloat32[3] gyroscope\nfloat32[3] accelerometer\nfloat32[3] rpy\n"
 PUBLISHED = {
@@ -75,7 +74,7 @@ class LowStates:
             raise ValueError("messages of several layouts")
         order = self._order_of(content[0])
         body = _byte_rows(content)[:, self._start :]
-        if self._mode is not None and (body[:, self._mode] == _PARALLEL).any():
+        if self._mode is not None and body[:, self._mode].any():
             raise ClosedLoopError(
                 f"{messages[0].topic}: ankles and waist are in mode AB (mode_pr 1): their values are those of two "
                 "motors in parallel, from which the joints' pitch and roll do not follow; record in mode PR"
@@ -181,14 +180,16 @@ def offsets(kind: str, definition: str, *, aligned: bool = True, most: int = 10_
     unknown size are skipped. Names of the ROS 1 packages (motorState, tauEst, imu, footForce) are converted to those of
     ROS 2. Unitree's messages have under a thousand numbers, and `most` is a limit.
     """
+    from rosbags.interfaces import Nodetype
     from rosbags.typesys import get_types_from_msg
 
     types = get_types_from_msg(definition, kind)
     found: dict[str, int] = {}
     end = 0
-    for path, size in _numbers(types, kind, ""):
+    for path, size in _numbers(types, (Nodetype.NAME, kind), ""):
         start = -(-end // size) * size if aligned else end
-        found[_renamed(path)], end = start, start + size
+        snake = re.sub(r"(?<=[a-z])([A-Z])", lambda match: f"_{match[1].lower()}", path[1:])
+        found[re.sub(r"^imu\.", "imu_state.", snake)], end = start, start + size
         if len(found) > most:
             raise RecordingError(f"a {kind} in this log has more than {most} numbers: it is not Unitree's")
     if missing := [name for name in ("tick", "imu_state.quaternion.3", "motor_state.11.tau_est") if name not in found]:
@@ -196,31 +197,21 @@ def offsets(kind: str, definition: str, *, aligned: bool = True, most: int = 10_
     return found
 
 
-def _renamed(path: str) -> str:
-    """Converts to ROS 2's names: snake case, and imu_state for imu."""
-    snake = re.sub(r"(?<=[a-z])([A-Z])", lambda match: f"_{match[1].lower()}", path)
-    return re.sub(r"^imu\.", "imu_state.", snake)
-
-
-def _numbers(types: Mapping[str, Any], kind: str, path: str) -> Iterator[tuple[str, int]]:
-    """Path and size [bytes] of every number of a type, in order, until a field of unknown size."""
-    for field, description in types[kind][1]:
-        yield from _described(types, description, f"{path}{field}")
-
-
-def _described(types: Mapping[str, Any], description: Any, path: str) -> Iterator[tuple[str, int]]:
+def _numbers(types: Mapping[str, Any], description: Any, path: str) -> Iterator[tuple[str, int]]:
+    """Path and size [bytes] of every number of a field, in order, until a part of unknown size."""
     from rosbags.interfaces import Nodetype
 
     node, detail = description
     if node == Nodetype.BASE:
         yield path, np.dtype(detail[0]).itemsize
     elif node == Nodetype.NAME:
-        yield from _numbers(types, detail, f"{path}.")
+        for field, inner in types[detail][1]:
+            yield from _numbers(types, inner, f"{path}.{field}")
     elif node == Nodetype.ARRAY:
         for k in range(detail[1]):
-            yield from _described(types, detail[0], f"{path}.{k}")
+            yield from _numbers(types, detail[0], f"{path}.{k}")
     else:
-        raise RecordingError(f"{path}: a field of unknown size, which a LowState does not have")
+        raise RecordingError(f"{path[1:]}: a field of unknown size, which a LowState does not have")
 
 
 def _byte_rows(messages: Sequence[bytes]) -> NDArray[np.uint8]:

@@ -174,42 +174,26 @@ _PLACES = {
 }
 
 
-@dataclass(frozen=True)
-class Hit:
-    """A column that matches a pattern: its joint's name, or its number if the pattern counts joints; its axis x, y, z
-    or w; and its topic. Empty where there is none.
-    """
-
-    joint: str | int
-    axis: str
-    topic: str
+Hit = tuple[str, str | int, str, str]
+"""A column that matches a pattern, with the values of the placeholders: the joint's name, or its number if the pattern
+counts joints; the axis x, y, z or w; the topic. Empty where there is none.
+"""
 
 
-def hits(pattern: str, names: Mapping[str, str]) -> Iterator[tuple[str, Hit]]:
-    """Yields the columns that match a pattern, with the values of the placeholders. `names`: by column, its name
-    without its unit.
-    """
+def hits(pattern: str, names: Mapping[str, str]) -> Iterator[Hit]:
+    """Yields the columns that match a pattern. `names`: by column, its name without its unit."""
     if "{" not in pattern:
         exact = [column for column, name in names.items() if pattern in (column, name)]
         alike = [column for column, name in names.items() if pattern.lower() == name.lower()]
-        yield from ((column, Hit("", "", "")) for column in exact or alike)
+        yield from ((column, "", "", "") for column in exact or alike)
         return
     compiled = _compiled(pattern)
     for column, name in names.items():
         if match := compiled.fullmatch(name):
-            yield column, _hit(match.groupdict())
-
-
-def _hit(said: Mapping[str, str | None]) -> Hit:
-    axis = (said.get("axis") or "").lower()
-    for order in ("xyz", "wxyz", "xyzw"):
-        if number := said.get(order):
-            axis = order[int(number)]
-    joint: str | int = said.get("joint") or ""
-    for place, first in (("i", 0), ("n", 1)):
-        if number := said.get(place):
-            joint = int(number) - first
-    return Hit(joint, axis, said.get("topic") or "")
+            said = {place: text for place, text in match.groupdict().items() if text}
+            numbered = (order[int(said[order])] for order in ("xyz", "wxyz", "xyzw") if order in said)
+            joint = int(said["i"]) if "i" in said else int(said["n"]) - 1 if "n" in said else said.get("joint", "")
+            yield column, joint, next(numbered, said.get("axis", "").lower()), said.get("topic", "")
 
 
 @cache

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 
 from stadera.errors import RecordingError, listed
 from stadera.joint_words import places, words
-from stadera.logs.foreign.column_map import TEMPLATE_HINT, ColumnMap, Hit, Source, hits, preset, preset_names
+from stadera.logs.foreign.column_map import TEMPLATE_HINT, ColumnMap, Source, hits, preset, preset_names
 from stadera.logs.topics import Reading, Topics
 from stadera.logs.units import FACTORS, Units, labelled, quantity_of
 
@@ -148,20 +148,19 @@ def _candidates(chosen: ColumnMap, plain: Mapping[str, str], joints: Collection[
     columns["time"] = (*columns.get("time", ()), *preset(_GENERAL).columns["time"])
     for key, sources in columns.items():
         for rank, one in enumerate(sources):
-            for column, hit in hits(one.pattern, plain):
-                joint = _joint(hit, chosen, joints)
-                if joint is not None:
-                    flat = key.replace("{joint}", joint).replace("{axis}", hit.axis)
-                    yield _Found(flat, column, one, hit.topic, rank)
+            for column, said, axis, topic in hits(one.pattern, plain):
+                if (joint := _joint(said, chosen, joints)) is not None:
+                    flat = key.replace("{joint}", joint).replace("{axis}", axis)
+                    yield _Found(flat, column, one, topic, rank)
 
 
-def _joint(hit: Hit, chosen: ColumnMap, joints: Collection[str]) -> str | None:
+def _joint(said: str | int, chosen: ColumnMap, joints: Collection[str]) -> str | None:
     """Name of a hit's joint, empty if it has none; None if it is not a joint."""
-    if isinstance(hit.joint, int):
-        return chosen.joints[hit.joint] if 0 <= hit.joint < len(chosen.joints) else None
-    if not hit.joint or hit.joint in joints or chosen.name != _GENERAL:
-        return hit.joint
-    return hit.joint if places([hit.joint]) and not words(hit.joint) & _NO_JOINTS else None
+    if isinstance(said, int):
+        return chosen.joints[said] if 0 <= said < len(chosen.joints) else None
+    if not said or said in joints or chosen.name != _GENERAL or (places([said]) and not words(said) & _NO_JOINTS):
+        return said
+    return None
 
 
 def _topic_of(group: str, found: Sequence[_Found], topics: Topics, source: str) -> str:
