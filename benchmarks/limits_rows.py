@@ -88,7 +88,7 @@ class LogRows:
             if joints is not None and rows.swing.air.any()
         ]
         C = columns[:, :, 11:].copy()
-        for name in ("sampling", "regression", "common_gain"):  # noise, noise, and the mean of `gain`
+        for name in ("sampling", "common_gain"):  # noise, noise, and the mean of `gain`
             C[:, :, PLACES[name]] = 0.0
         return cls(
             np.array([rows.time for rows, _ in made]),

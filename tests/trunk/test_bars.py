@@ -80,8 +80,8 @@ def test_friction_and_noise_do_not_cancel_between_two_loads_and_all_else_does() 
     """With K the sensitivities: D Σ Dᵀ of what lasts, K₁ C K₁ᵀ + K₂ C K₂ᵀ of what is another one under each load."""
     first, second, known = summed(drawn(1)), summed(drawn(2)), errors()
     changing = np.zeros((ERRORS, ERRORS))
-    for name in ("regression", "stiction"):
-        changing[PLACES[name], PLACES[name]] = known.covariance[PLACES[name], PLACES[name]]
+    stuck = PLACES["stiction"]
+    changing[stuck, stuck] = known.covariance[stuck, stuck]
     K1, K2 = (s.solution[:, 1:] for s in (first, second))
     lasting = (K2 - K1) @ (known.covariance - changing) @ (K2 - K1).T
     expected = lasting + K1 @ changing @ K1.T + K2 @ changing @ K2.T

@@ -58,7 +58,7 @@ def drawn(walk: Walk, scale: float, seed: int) -> Segment:
     values, vectors = np.linalg.eigh(model.covariance)
     p = vectors @ (np.sqrt(np.maximum(values, 0.0)) * rng.standard_normal(ERRORS))
     kept = np.ones(ERRORS, dtype=bool)
-    for name in ("common_gain", "regression", "sampling", "stiction"):
+    for name in ("common_gain", "sampling", "stiction"):
         kept[PLACES[name]] = False
     p = np.where(kept, scale * p, p)
     segment = prior(length)

@@ -48,7 +48,7 @@ def test_it_is_gaussian_conditioning() -> None:
     )
     # unknowns: lasting errors, changing errors then and now, noise then and now
     changing = np.zeros(ERRORS, dtype=bool)
-    changing[PLACES["regression"]] = changing[PLACES["stiction"]] = True
+    changing[PLACES["stiction"]] = True
     size = 2 * ERRORS + 20
     joint = np.zeros((size, size))
     S = errors.covariance
@@ -141,7 +141,7 @@ def test_bad_weights_are_named() -> None:
         weigh(HYQ, loaded(), weight=-3.0)
     with pytest.raises(IdentificationError, match=r"the legs of hyq alone have .* kg"):
         weigh(HYQ, loaded(), weight=2.0)
-    with pytest.raises(IdentificationError, match="a weight is used in motion"):
+    with pytest.raises(IdentificationError, match="a weight is used, by 'walking' or 'standing'"):
         weigh(HYQ, loaded(), method="contact", weight=HYQ.mass)
 
 

@@ -31,9 +31,8 @@ class ErrorLayout:
     of its tree, some contacts, and some joints in other limbs.
 
     `link_com` goes by axis and link, `contact` by leg and trunk axis. `stiction` is the torque of static friction,
-    `unfelt` a moment or force of a foot that its leg's joints do not tell (`stadera.robot.sole`), `regression` the part
-    removed from noisy angular acceleration (`stadera.trunk.calibration`), `sampling` half the difference between rows
-    of every other sample.
+    `unfelt` a moment or force of a foot that its leg's joints do not tell (`stadera.robot.sole`), `sampling` half the
+    difference between rows of every other sample.
     """
 
     joints: int
@@ -63,7 +62,7 @@ class ErrorLayout:
         sizes |= {"limb_com": 3 * self.limbs, "imu_lever": 3, "imu_rotation": 3, "accelerometer": 3}
         sizes |= {"imu_response": 3, "velocity_lag": 1, "stiction": joints, "unfelt": len(self.unfelt)}
         sizes |= {"limb_stiction": self.limbs}
-        sizes |= {"limb_gain": self.limbs, "common_gain": 1, "regression": 3, "sampling": 1}
+        sizes |= {"limb_gain": self.limbs, "common_gain": 1, "sampling": 1}
         ends = np.cumsum(list(sizes.values())).tolist()
         return MappingProxyType(
             {name: slice(end - size, end) for (name, size), end in zip(sizes.items(), ends, strict=True)}
@@ -88,10 +87,8 @@ class ErrorLayout:
 
     @property
     def changing(self) -> tuple[slice, ...]:
-        """Errors that may change with the load: noise that is removed from angular accelerations, static friction, and
-        moments of flat feet that no joint tells.
-        """
-        return tuple(self.places[name] for name in ("regression", "stiction", "unfelt", "limb_stiction"))
+        """Errors that may change with the load: static friction, and moments of flat feet that no joint tells."""
+        return tuple(self.places[name] for name in ("stiction", "unfelt", "limb_stiction"))
 
     @property
     def swaying(self) -> slice:
@@ -179,7 +176,7 @@ class ErrorModel:
         for name in _AS_STATED:
             std[places[name]] = getattr(sizes, name)
         std[places["unfelt"]] = robot.unfelt_std[list(layout.unfelt)]
-        std[places["regression"]] = std[places["sampling"]] = 1.0
+        std[places["sampling"]] = 1.0
         limb = limb_limits(robot)
         std[places["limb_rotor"]] = sizes.rotor * leg_mass * length**2 * limb / self.limit.mean()  # as large as strong
         for name in ("viscous", "coulomb", "offset"):

@@ -277,10 +277,6 @@ class TrunkEstimator:
         """The trunk's ten parameters, payload included, with their uncertainty."""
         return self._good.parameters if self._good is not None else TrunkParameters.unobserved(self._start)
 
-    def parameters(self) -> TrunkParameters:
-        """The same as `trunk`."""
-        return self.trunk
-
     def estimate(self) -> TrunkEstimate:
         """Mass and centre of mass of the trunk; after a refusal the last good ones, with the reason."""
         found, state = self.trunk, self._state
@@ -389,11 +385,6 @@ class TrunkEstimator:
     def mount(self) -> ImuMount:
         """The IMU's mount."""
         return self._front.mount
-
-    @property
-    def gaps(self) -> tuple[tuple[float, float], ...]:
-        """The last hundred gaps between samples: end time and duration of each [s]."""
-        return tuple(self._front.gaps)
 
     @property
     def impacts(self) -> float:

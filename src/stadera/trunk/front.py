@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Iterator, Sequence
 from math import inf
 from typing import NamedTuple
@@ -55,7 +54,6 @@ class Front:
 
     Attributes:
         mount: of the IMU.
-        gaps: the last hundred gaps between samples: end time and duration of each [s].
         seen, impacts: time of the rows that were used, and of those left out for impacts [s].
         shape: parameters of the trunk at which errors of the IMU are linearised.
         ahead: most blocks that may be computed before these parameters and `know_joints` change.
@@ -89,7 +87,6 @@ class Front:
         )
         self._buffer = SampleBuffer(robot.tree.joints, settings)
         self._ground, self._spikes = GroundNormal(self._maker.weight), SpikeFilter()
-        self.gaps: deque[tuple[float, float]] = deque(maxlen=100)
         self.seen = self.impacts = 0.0
         self.ahead = 1
 
@@ -154,7 +151,6 @@ class Front:
                 yield Made(refusal=stretch.reason, due=stretch.begin)
             if stretch.gap:
                 self.interrupt()
-                self.gaps.append((stretch.begin, stretch.gap))
                 if stretch.gap > self._settings.lost_ground:
                     self._forget()
             edges, begin = stretch.edges, 0

@@ -11,11 +11,10 @@ start or on one diagonal, are set by the vertical: the specific force averaged o
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import atan2, sqrt
+from math import sqrt
 
 import numpy as np
 
-from stadera.compiled import compiled
 from stadera.inertia import skews
 from stadera.types import Array, Bools
 
@@ -107,62 +106,20 @@ def ground_normal(feet: Array, stance: Bools, up: Array) -> Array:
     Args:
         feet: (..., L, 3) [m]; stance: (..., L).
     """
-    points = np.ascontiguousarray(feet.reshape(-1, *feet.shape[-2:]))
-    stands, out = np.ascontiguousarray(stance).reshape(points.shape[:2]), np.empty((len(points), 3))
-    _normals(points, stands, np.ascontiguousarray(up).reshape(out.shape), out)
-    return out.reshape(up.shape)
-
-
-@compiled("void(float64[:,:,::1], boolean[:,::1], float64[:,::1], float64[:,::1])")
-def _normals(feet: Array, stance: Bools, up: Array, out: Array) -> None:
-    """Writes the normals (N, 3) of polygons of feet (N, L, 3); arguments as of `ground_normal`."""
-    legs = feet.shape[1]
-    angle, order, across = np.empty(legs), np.empty(legs, dtype=np.int64), np.empty((2, 3))
-    middle, area = np.empty(3), np.empty(3)
-    for k in range(len(feet)):
-        count, flat = 0, 0
-        for leg in range(legs):
-            count += stance[k, leg]
-        for c in range(3):
-            middle[c] = area[c] = 0.0
-            for leg in range(legs):
-                if stance[k, leg]:
-                    middle[c] += feet[k, leg, c] / count
-            out[k, c] = up[k, c]
-            if abs(up[k, c]) < abs(up[k, flat]):
-                flat = c
-        if count < 3:
-            continue
-        for row in range(2):  # two directions across `up`
-            for c in range(3):
-                a, b = (c + 1) % 3, (c + 2) % 3
-                to_a = across[0, a] if row else (1.0 if a == flat else 0.0)
-                to_b = across[0, b] if row else (1.0 if b == flat else 0.0)
-                across[row, c] = up[k, a] * to_b - up[k, b] * to_a
-        count = 0
-        for leg in range(legs):
-            if not stance[k, leg]:
-                continue
-            x = y = 0.0
-            for c in range(3):
-                x += (feet[k, leg, c] - middle[c]) * across[0, c]
-                y += (feet[k, leg, c] - middle[c]) * across[1, c]
-            at, turn = count, atan2(y, x)
-            while at > 0 and angle[at - 1] > turn:
-                angle[at], order[at] = angle[at - 1], order[at - 1]
-                at -= 1
-            angle[at], order[at] = turn, leg
-            count += 1
-        along = 0.0
-        for at in range(count):
-            one, other = order[at], order[(at + 1) % count]
-            for c in range(3):
-                a, b = (c + 1) % 3, (c + 2) % 3
-                area[c] += (feet[k, one, a] - middle[a]) * (feet[k, other, b] - middle[b])
-                area[c] -= (feet[k, one, b] - middle[b]) * (feet[k, other, a] - middle[a])
-        size = sqrt(area[0] ** 2 + area[1] ** 2 + area[2] ** 2)
-        for c in range(3):
-            along += area[c] * up[k, c]
-        if size > 0.0:
-            for c in range(3):
-                out[k, c] = area[c] / (size if along >= 0.0 else -size)
+    points, stands, up_of = feet.reshape(-1, *feet.shape[-2:]), stance.reshape(-1, feet.shape[-2]), up.reshape(-1, 3)
+    count = stands.sum(axis=1)
+    middle = (points * stands[..., None]).sum(axis=1) / np.maximum(count, 1)[:, None]
+    away = np.where(stands[..., None], points - middle[:, None], 0.0)
+    first = np.cross(up_of, np.eye(3)[np.abs(up_of).argmin(axis=1)])  # two directions across `up`
+    second = np.cross(up_of, first)
+    angle = np.arctan2(np.matvec(away, second), np.matvec(away, first))
+    order = np.argsort(np.where(stands, angle, np.inf), axis=1, kind="stable")
+    ring = np.take_along_axis(away, order[..., None], axis=1)  # those off the ground are zero, and come last
+    each = np.arange(ring.shape[1])
+    area = np.cross(ring, ring[np.arange(len(ring))[:, None], np.where(each + 1 < count[:, None], each + 1, 0)]).sum(
+        axis=1
+    )
+    size = np.linalg.norm(area, axis=1)
+    size = np.where(np.vecdot(area, up_of) < 0.0, -size, size)[:, None]
+    flat = (count[:, None] < 3) | (size == 0.0)
+    return np.where(flat, up_of, area / np.where(flat, 1.0, size)).reshape(up.shape)

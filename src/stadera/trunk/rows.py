@@ -28,6 +28,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from math import exp, inf
 from typing import Any
 
 import numpy as np
@@ -42,7 +43,6 @@ from stadera.inertia import InertialParameters, skew, skews
 from stadera.robot.imu import ImuMount
 from stadera.robot.limbs import Place
 from stadera.robot.model import Robot
-from stadera.trunk.calibration import SignalCalibration
 from stadera.trunk.error_model import ErrorLayout
 from stadera.trunk.ground import turned
 from stadera.trunk.lifted import Lifted
@@ -173,7 +173,7 @@ class RowMaker:
         self.lifted = Lifted(self.body, swing, self.weight, length)
         self._half: dict[str, Array] | None = None  # of the block before, see `_halves`
         self._sign = 1.0  # of alternating sums: goes on from block to block, also where these have odd numbers
-        self._calibration = SignalCalibration()
+        self.forget()
         self._speeds = np.zeros((0, self._layout.joints))  # of the latest blocks, squared, over the noise's variance
 
     def _use(self, body: Body) -> None:
@@ -189,7 +189,7 @@ class RowMaker:
     def forget(self) -> None:
         """Also discards the history of the motion: the trunk's rotation until the next samples is unknown."""
         self.restart()
-        self._calibration = SignalCalibration()
+        self._average, self._averaged = np.zeros(3), 0.0  # of the specific force, and the sum of its weights
 
     def motion(self, samples: Samples) -> Motion:
         """Motion at all samples but the first and the last, its normal left open; with joints outside the legs where
@@ -383,6 +383,18 @@ class RowMaker:
         self._speeds = known[-(_LATELY - 1) :]
         return np.asarray(total[end] - total[begin] < _MOVES**2 * (end - begin)[:, None])
 
+    def _over_a_second(self, force: Array, turn: Array, elapsed: float) -> Array:
+        """Mean specific force (3,) over the last second, turned with the trunk, and one more window: gravity. Impacts
+        count for half of gravity at most.
+        """
+        keep, struck = exp(-elapsed), 0.5 * GRAVITY
+        self._averaged = keep * self._averaged + 1.0 - keep
+        share, carried = (1.0 - keep) / self._averaged, turn @ self._average
+        if share == 1.0:  # the first block is all that is known
+            struck = inf
+        self._average = carried + share * np.clip(force - carried, -struck, struck)
+        return self._average
+
     def _rows(
         self, first: Sums, second: Sums, noise: Variances, follows: Bools, trunk: InertialParameters
     ) -> list[BlockRows | None]:
@@ -395,20 +407,16 @@ class RowMaker:
         averaged, differentiated = (first[name] + second[name] for name in ("averaged", "differentiated"))
         probes, middle = (0.5 * (first[name] + second[name]) for name in ("probes", "middle"))
         elapsed = second["end"] - first["end"]
-        imu = np.repeat(np.stack([averaged * noise.accelerometer, differentiated * noise.gyro], axis=1), 3, axis=1)
-        imu[:, :3] += imu[:, 3:] * (self._lever @ self._lever)
-        calibrated, removed, average = signals.copy(), np.zeros((B, 3)), np.zeros((B, 3))
-        turn = turned(second["omega"], elapsed)
+        average, turn = np.zeros((B, 3)), turned(second["omega"], elapsed)
         for b in np.flatnonzero(follows):
-            calibrated[b], removed[b] = self._calibration.calibrated(signals[b], imu[b], turn[b], float(elapsed[b]))
-            average[b] = self._calibration.average
-        own_alpha = wrench_of_angular_acceleration(trunk.first_moment, trunk.inertia)
+            average[b] = self._over_a_second(signals[b, :3], turn[b], float(elapsed[b]))
         K = wrench_of_specific_force(trunk.mass, trunk.first_moment) - probes[:, :, :3]
-        L, G = own_alpha - probes[:, :, 3:6], probes[:, :, 6:]
+        L = wrench_of_angular_acceleration(trunk.first_moment, trunk.inertia) - probes[:, :, 3:6]
+        G = probes[:, :, 6:]
         columns, end, limbs = np.zeros((B, 6, 11 + layout.count + 10 * len(self._places))), 11 + layout.count, None
-        columns[:, :, :10], columns[:, :, 10], C = trunk_matrix(calibrated), target, columns[:, :, 11:end]
+        columns[:, :, :10], columns[:, :, 10], C = trunk_matrix(signals), target, columns[:, :, 11:end]
         if self._limbs is not None:
-            A = trunk_matrix(signals)
+            A = columns[:, :, :10].copy()
             columns[:, :, 10] += A @ self.body.lumped  # the trunk contains the other joints' links at their reference
             self._limbs.add(columns, A, sums["by_links"], self._by_mass)
             limbs = self._limbs.rows(sums, self._by_mass) if len(self._limbs.joints) else None
@@ -433,9 +441,8 @@ class RowMaker:
         C[:, :, places["imu_lever"]] = -K @ (skews(alpha) + spin)
         C[:, :, places["imu_rotation"]] = K @ skews(a) + L @ skews(alpha)
         C[:, :, places["accelerometer"]] = -K
-        C[:, :, places["imu_response"]] = -K * (calibrated[:, :3] - average)[:, None]
+        C[:, :, places["imu_response"]] = -K * (signals[:, :3] - average)[:, None]
         C[:, :, places["velocity_lag"]] = L @ jerk[:, J:, None] - G @ jerk[:, :J, None]
-        C[:, :, places["regression"]] = own_alpha * removed[:, None]
         unresolved = trunk_matrix(alternated[:, :12]) @ trunk.vector - alternated[:, 12:]
         C[:, :, places["sampling"].start] = second["sign"][:, None] * unresolved
         L_noise = L + K @ skew(self._lever)

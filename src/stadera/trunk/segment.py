@@ -31,10 +31,10 @@ from stadera.robot.model import Robot
 from stadera.trunk.error_model import ErrorLayout
 from stadera.trunk.placed import Held, Told, TrunkAndLoad, folded, told
 from stadera.trunk.rows import BlockRows, Equations
-from stadera.trunk.wrench import TRUNK_MAP
+from stadera.trunk.wrench import SIGNALS, TRUNK_MAP
 from stadera.types import Array
 
-BY_FORCE: Array = TRUNK_MAP.reshape(6, 10, 12)[:, :, :3]
+BY_FORCE: Array = TRUNK_MAP.reshape(6, 10, SIGNALS)[:, :, :3]
 """(6, 10, 3): derivatives of the trunk's matrix A by the specific force."""
 
 

@@ -135,6 +135,12 @@ class SwingDetection:
         strides: the same of rows in which a foot moves relative to the others [1]: a second, three strides of a trot.
             The masses of seven walks of a real Mini Cheetah spread by 19 % with 200, by 8 % with 50, by 6 % with 25;
             payloads of simulated trots err by 0.7, 0.4, 0.4 % of the robot (rms).
+        enough: rows for each unknown, needed to evaluate the fit of the joints' law [1].
+        quietest: share of the stated variance below which smaller residuals do not sharpen the estimate [1].
+        wild: standard deviations of the residual, beyond which a row is skipped.
+        recent: rows of a joint, over which its latest residual is averaged. step: average residual that friction laws
+            do not have, and a torque sensor that jumps does, share of the effort limit [1]. wild_step: the same, times
+            the usual residual of all joints [1].
     """
 
     lift: float = 0.03
@@ -146,6 +152,12 @@ class SwingDetection:
     repeated: float = 10.0
     returning: float = 200.0
     strides: float = 50.0
+    enough: float = 4.0
+    quietest: float = 0.02
+    wild: float = 5.0
+    recent: float = 12.0
+    step: float = 0.04
+    wild_step: float = 6.0
 
     def __post_init__(self) -> None:
         _positive(self)

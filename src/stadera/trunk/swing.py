@@ -18,15 +18,6 @@ from stadera.trunk.error_model import ErrorModel
 from stadera.trunk.settings import SwingDetection
 from stadera.types import Array, Bools
 
-_ENOUGH = 4  # rows for each unknown, needed to evaluate the fit of the joints' law
-_QUIETEST = 0.02  # of the stated variance: smaller residuals do not sharpen the estimate further
-_RECENT = 12.0  # rows of a joint, over which its latest residual is averaged
-_STEP = (
-    0.04  # of the effort limit: average residual that friction laws do not have, and a torque sensor that jumps does
-)
-_STEP_WILD = 6.0  # times the usual residual of all joints
-_WILD = 5.0  # standard deviations of the residual, beyond which a row is skipped
-
 
 class SwingJoints:
     """Least squares over swing rows, around the prior.
@@ -87,17 +78,21 @@ class SwingJoints:
         """Averages the latest residuals of each joint, and keeps those that are beyond the usual ones."""
         if self._loud == np.inf:
             return
-        share = swinging / _RECENT
+        share = swinging / self._settings.recent
         self._averaged += share * (1.0 - self._averaged)
         self._average += share * (residual - self._average)
         mean = self._average / np.maximum(self._averaged, 1e-9)
-        large = (self._averaged > 0.5) & (np.abs(mean) > _STEP * self._limit) & (weight * mean**2 > self._loud)
+        large = (
+            (self._averaged > 0.5)
+            & (np.abs(mean) > self._settings.step * self._limit)
+            & (weight * mean**2 > self._loud)
+        )
         self.stepped[:] = np.where(large & (np.abs(mean) > np.abs(self.stepped)), -mean, self.stepped)
 
     @property
     def misfit(self) -> float:
         """Variance of the rows' residual divided by the stated one."""
-        if self.rows < _ENOUGH * len(self._right):
+        if self.rows < self._settings.enough * len(self._right):
             return 1.0
         mean, _ = self.posterior()
         return float(self._square - mean @ (2.0 * self._right - self._normal @ mean)) / self.rows
@@ -124,9 +119,9 @@ class SwingJoints:
         mean, _, loud = self._found = self._least_squares(np.ones(len(self._right)))
         loud, count = loud / self._settings.repeated, len(mean)
         if self.rows > 2 * count and self._loud == np.inf:  # compared with the log's beginning
-            self._expected, self._loud = mean, _STEP_WILD**2 * loud
-        if self.rows > _ENOUGH * count:
-            self._last, self._limit_square = mean, _WILD**2 * loud
+            self._expected, self._loud = mean, self._settings.wild_step**2 * loud
+        if self.rows > self._settings.enough * count:
+            self._last, self._limit_square = mean, self._settings.wild**2 * loud
         return self._found
 
     def _least_squares(self, scale: Array) -> tuple[Array, Array, float]:
@@ -137,7 +132,7 @@ class SwingJoints:
             mean = lapack.dpotrs(factor, self._right / loud)[0]
             if self.rows > len(mean):
                 square = self._square - mean @ (2.0 * self._right - self._normal @ mean)
-                loud = self._settings.repeated * max(float(square) / self.rows, _QUIETEST)
+                loud = self._settings.repeated * max(float(square) / self.rows, self._settings.quietest)
         return np.asarray(mean), inverse_of(factor), loud
 
 

@@ -16,6 +16,8 @@ from stadera.inertia import skew
 from stadera.types import Array
 
 _PRODUCTS = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
+SIGNALS = 6 + len(_PRODUCTS)
+"""Number of signals: specific force, angular acceleration, products of the angular velocity."""
 
 
 def trunk_signals(specific_force: Array, angular_velocity: Array, angular_acceleration: Array) -> Array:
@@ -41,7 +43,7 @@ def wrench_of_angular_acceleration(first_moment: Array, inertia: Array) -> Array
 
 def _trunk_map() -> Array:
     """Builds the map (60, 12) by setting one signal at a time."""
-    out = np.zeros((6, 10, 12))
+    out = np.zeros((6, 10, SIGNALS))
     tensors = np.zeros((6, 3, 3))
     for k, (i, j) in enumerate(_PRODUCTS):
         tensors[k, i, j] = tensors[k, j, i] = 1.0
@@ -55,7 +57,7 @@ def _trunk_map() -> Array:
         for c, tensor in enumerate(tensors):
             P = tensor @ square  # I ω ωᵀ: ω x Iω is its antisymmetric part
             out[3:, 4 + c, 6 + k] = [P[2, 1] - P[1, 2], P[0, 2] - P[2, 0], P[1, 0] - P[0, 1]]
-    return out.reshape(60, 12)
+    return out.reshape(-1, SIGNALS)
 
 
 TRUNK_MAP: Array = _trunk_map()
