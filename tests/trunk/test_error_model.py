@@ -150,6 +150,11 @@ def imu_turned(p: np.ndarray) -> Samples:
     )
 
 
+def lossy(share: np.ndarray) -> np.ndarray:
+    """Torques of motors whose gears lose this share of what the joints carry, against the motion."""
+    return np.asarray(motion().effort + share * np.abs(motion().effort) * np.sign(motion().velocity))
+
+
 def shifted(values: np.ndarray, seconds: float) -> np.ndarray:
     """Values that come so much later."""
     time = motion().time
@@ -161,6 +166,7 @@ CASES: dict[str, Callable[[np.ndarray], tuple[Samples, Robot]]] = {
     "viscous": of_joints("viscous", "viscous"),
     "offset": lambda p: (samples(motion(), effort=motion().effort + by_joint(p)), robot()),
     "gain": lambda p: (samples(motion(), effort=motion().effort * (1.0 + by_joint(p))), robot()),
+    "load_friction": lambda p: (samples(motion(), effort=lossy(by_joint(p))), robot()),
     "common_gain": lambda p: (samples(motion(), effort=motion().effort * (1.0 + p[0])), robot()),
     "torque_lag": lambda p: (samples(motion(), effort=shifted(motion().effort, p[0])), robot()),
     "encoder": lambda p: (samples(motion(), position=motion().position + by_joint(p)), robot()),
@@ -175,7 +181,7 @@ CASES: dict[str, Callable[[np.ndarray], tuple[Samples, Robot]]] = {
     "imu_response": lambda p: (exaggerated(p), robot()),
 }
 SIZES = {"rotor": 0.02, "viscous": 0.5, "offset": 1.0, "gain": 0.01, "common_gain": 0.01, "torque_lag": 1e-3}
-SIZES |= {"encoder": 2e-3, "link_mass": 0.05, "link_com": 5e-3, "imu_lever": 0.01}
+SIZES |= {"load_friction": 0.05, "encoder": 2e-3, "link_mass": 0.05, "link_com": 5e-3, "imu_lever": 0.01}
 SIZES |= {"imu_rotation": 2e-3, "accelerometer": 0.05, "imu_response": 0.05}
 
 

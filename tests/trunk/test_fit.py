@@ -73,7 +73,7 @@ def standardised(walk: Walk, scale: float) -> np.ndarray:
     """Errors of mass and first moment in x and y over their standard deviations, (DRAWS, 3)."""
     _, model, _ = rows(walk)
     swing, truth, found = SwingJoints(model, SwingDetection()), ROBOT.inertias[ROBOT.trunk].vector, []
-    for seed in range(DRAWS):
+    for seed in range(1000, 1000 + DRAWS):
         segment = drawn(walk, scale, seed)
         summed, sizes = RowSums.of((segment,), 5.0), Sizes(LAYOUT, TrunkSettings().size_spread)
         usual = Errors(model, swing, None, summed, LAYOUT.by_swing)

@@ -77,6 +77,9 @@ class CheckLimits:
     carries: float = 0.15
     lively_motion: float = 3.0  # multiple of `slide` above which the robot moves
     unbalance: float = 0.05  # usual residual wrench, as a share of the weight
+    # rotation of a trunk that moves, root mean square [rad/s]: ten walks of a real Mini Cheetah have 0.4 to 0.7, slow
+    # sways 0.05. Feet that sink into soft ground do not tell a gyro of less from a gyro in other units.
+    turns_least: float = 0.01
     lively_share: float = 0.3  # share of instants with motion above which the robot is not at rest
     # gain, gain_at_rest: decrease of an instant's cost (see `residual`) that confirms a hypothesis. In clean logs of
     # eight robots no hypothesis gains more than 0.05 in motion; at rest, where static friction of the drives counts,

@@ -190,6 +190,12 @@ class Footing:
         return bool(left < self.limits.better * now)
 
     @property
+    def turning(self) -> float:
+        """Root mean square of the trunk's angular velocity [rad/s], of a log with an IMU."""
+        assert self.blocks.angular_velocity is not None
+        return float(np.sqrt((self.blocks.angular_velocity**2).sum(axis=1).mean()))
+
+    @property
     def lively(self) -> float:
         """Share of instants in which the robot moves."""
         return float(self.moving.mean()) if len(self.blocks) else 0.0

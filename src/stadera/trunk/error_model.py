@@ -55,7 +55,8 @@ class ErrorLayout:
         joints, links, sizes = self.joints, self.links, {}
         for name in ("rotor", "viscous", "coulomb"):
             sizes[name] = joints
-        sizes |= {"torque_lag": 1, "offset": joints, "gain": joints, "encoder": joints, "contact": 3 * self.contacts}
+        sizes |= {"torque_lag": 1, "offset": joints, "gain": joints, "load_friction": joints}
+        sizes |= {"encoder": joints, "contact": 3 * self.contacts}
         sizes |= {"link_mass": links, "link_com": 3 * links}
         for name in ("rotor", "viscous", "coulomb", "offset", "mass"):
             sizes[f"limb_{name}"] = self.limbs
@@ -104,6 +105,7 @@ class ErrorLayout:
 _AS_STATED = (
     "torque_lag",
     "gain",
+    "load_friction",
     "encoder",
     "contact",
     "link_mass",
@@ -147,6 +149,7 @@ class ErrorModel:
         dry: (joints,) Coulomb friction that the robot's model has [N·m]; the errors are beyond it, static friction is
             not.
         by_load: friction that grows with the torque carried, of a knee of one of the legs [N·m].
+        drift: (joints,), standard deviation of the torques' offsets under one load from their mean of all [N·m].
         covariance: (count, count).
         length: of a leg [m].
         held: `ModelErrors.held`.
@@ -169,6 +172,7 @@ class ErrorModel:
             place = places[name]
             least = np.maximum(own, sizes.surest * std[place])
             std[place] = np.fmin(std[place], least)  # as it was for a joint or term that was not identified, NaN
+        self.drift = sizes.drift / np.sqrt(2.0) * self.limit
         self.dry = np.abs([robot.dynamics[joint].coulomb for leg in robot.legs for joint in leg.joints])
         # on a leg bent to 80 % of its length, the foot below the hip, the knee is off the line by 0.3 of the length
         self.by_load = sizes.load_friction * 0.3 * largest / layout.contacts

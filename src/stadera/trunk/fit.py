@@ -39,6 +39,7 @@ _CAUSES = {
     "rotor": "rotor inertia that the model lacks",
     "viscous": "viscous friction that the model lacks",
     "coulomb": "Coulomb friction that the model lacks",
+    "load_friction": "friction that grows with the load, which the model lacks",
     "stiction": "joints that stick",
     "offset": "constant torque errors",
     "gain": "the scale of some joints' torques, or their sign or order",

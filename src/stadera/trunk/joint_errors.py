@@ -72,6 +72,7 @@ class Errors:
     ) -> None:
         self.scatter = scatter
         self._length, self.layout = model.length, model.layout
+        self._offsets, self._drift = model.layout.places["offset"], model.drift
         learnt, count, by_swing = learnt or self.layout.learnt, self.layout.count, self.layout.by_swing
         gain, stuck = self.layout.places["gain"], self.layout.sticking
         joints, covariance = swing.posterior(None if scale is None else scale[by_swing])
@@ -193,12 +194,15 @@ class Errors:
         return np.asarray(0.5 * (total + total.T))
 
     def of_rows(self, segment: Segment | Told) -> Array:
-        """Covariance (10, 10) due to the rows' scatter, and to static friction that varies while the robot sways."""
-        P = segment.inverse @ segment.inverse.T
+        """Covariance (10, 10) due to the rows' scatter, to offsets that are others under another load, and to static
+        friction that varies while the robot sways.
+        """
+        P, drifted = segment.inverse @ segment.inverse.T, segment.sensitivity[:, self._offsets] * self._drift
+        own = self.scatter * P + drifted @ drifted.T
         if segment.sums is None:
-            return np.asarray(self.scatter * P)
+            return np.asarray(own)
         varying = segment.sums.follows_motion(self._swaying, self._length)
-        return np.asarray(self.scatter * P + P @ varying @ P)
+        return np.asarray(own + P @ varying @ P)
 
     @cached_property
     def _swaying(self) -> Array:

@@ -13,6 +13,7 @@ the feet held, G = ∂b/∂q̈, an error p of the model (`stadera.trunk.error_mo
 
     rotor, friction, offset    -E q̈, -E q̇, -E s, -E       s: smoothed sign of q̇, of velocities averaged over a block
     gain, lag of the torques   -E τ, +E τ̇                  true torque: (1 - g) τ + d τ̇
+    load friction              -E s |τ|               a gear's losses, a share of what its joint carries
     stiction                   ∓E √(1 - s²)                what holds a joint at standstill, positive upwards
     encoder, contact, unfelt   +∂b/∂q, -∂b/∂p_contact, -∂b/∂m     at the block's middle, by differences and closed form
     link mass and centre       -∂b/∂(m, c)                 of `State.columns` by φ, and of φ by m and c
@@ -71,7 +72,8 @@ RESOLVED = 3
 three samples a block, by 20 % with two, and fully with one (the window's response at half the rate less 12 Hz).
 """
 
-_TERMS = ("rotor", "viscous", "coulomb", "offset", "gain", "stiction")
+_TERMS = ("rotor", "viscous", "coulomb", "load_friction", "offset", "gain", "stiction")
+_OF_MOTION = 4  # the first of them, which a joint that moves shows
 _SUMMED = ("plain", "by_rate", "squared", "by_terms", "by_links", "alternating", *LIMB_SUMS)
 _UNIT = np.eye(3)
 _SQUARE = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])  # places of ω ωᵀ among its products
@@ -267,8 +269,8 @@ class RowMaker:
         plain: (B, 2, ...), sums weighted by the rising and by the falling half, of signals (12), target (6), jerk
             (J + 3), and six numbers of each joint: q̈, q̇, s, 1, τ̇, h - τ.
         by_rate, squared: (B, 2, 6), of E τ̇, and, with w² for w, of E σ² Eᵀ of white torque noise.
-        by_terms, by_links: (B, 2, J, 6, terms) and (B, 2, K, 6, 10), of E times q̈, q̇, s, 1, τ and √(1 - s²), and of
-            `State.columns`.
+        by_terms, by_links: (B, 2, J, 6, terms) and (B, 2, K, 6, 10), of E times q̈, q̇, s, s |τ|, 1, τ and √(1 - s²),
+            and of `State.columns`.
         alternating: (B, 2, 18), of signals and target, with signs that alternate from sample to sample.
         probes, middle: see `_slopes`. omega: (B, 3), mean. air: (B, L), legs in the air. stepping: (B,).
         end: (B,) [s]. averaged, differentiated: (B,), Σ w², and the same of differences in time [1/s²].
@@ -281,7 +283,8 @@ class RowMaker:
         sure = direction(window.line(velocity))
         stuck, one = np.sqrt(np.maximum(1.0 - sure * sure, 0.0)), np.ones(tau.shape)
         left = state.torque[:, J] + own.viscous[J] * velocity + own.coulomb[J] * sure + own.offset[J] - tau
-        terms = np.stack([acceleration, velocity, sure, one, tau, stuck], axis=-1)
+        loaded = sure * np.abs(window.line(tau))
+        terms = np.stack([acceleration, velocity, sure, loaded, one, tau, stuck], axis=-1)
         turning = np.hstack([samples.velocity[:, J], samples.angular_velocity])
         jerk = (turning[2:] - 2.0 * turning[1:-1] + turning[:-2]) / (0.5 * span) ** 2
         signals = trunk_signals(motion.specific_force.T, motion.angular_velocity.T, motion.angular_acceleration.T).T
@@ -425,7 +428,7 @@ class RowMaker:
         lifts = np.sign((by_terms[_TERMS.index("offset"), :, :3] * signals[:, :3, None]).sum(axis=1))
         # noise is not motion: a joint that moved beyond it does not stick, another shows no friction or rotor inertia
         still = self._still(joint[:, 1], averaged[:, None] * noise.velocity, follows)
-        by_terms[:3] *= ~still[:, None]
+        by_terms[:_OF_MOTION] *= ~still[:, None]
         by_terms[-1] *= (-lifts * still)[:, None]
         for name, values in zip(_TERMS, by_terms, strict=True):
             C[:, :, places[name]] = values

@@ -35,6 +35,7 @@ KINDS: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "friction": ("viscous", "coulomb"),
         "offset": ("offset",),
         "gain": ("gain",),
+        "load_friction": ("load_friction",),
         "encoder": ("encoder",),
         "contact": ("contact",),
         "links": ("link_mass", "link_com"),
