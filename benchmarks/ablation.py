@@ -23,7 +23,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import numpy as np
 
-from stadera.lab.experiments.reality import RealityCase, real_log, toppled
+from stadera.lab.experiments.reality import RealityCase, real_log
 from stadera.logs.reader import read
 from stadera.robot import load_robot
 from stadera.trunk import ModelErrors, TrunkEstimator, TrunkSettings, changes, front, ground, history, window
@@ -88,7 +88,7 @@ def simulated(folder: Path, seed: int) -> Iterator[tuple[RealityCase, Any, Any]]
                 case = RealityCase(name, gait, SHARES[(k + k // 8 + 2 * (k % 2)) % 4], errors, seed)
                 k, robot = k + 1, load_robot(name)
                 log, truth = real_log(case, robot, folder)
-                if not toppled(log, robot):
+                if truth.fell is None:
                     yield case, Samples.of_recording(log, robot), truth
 
 

@@ -41,10 +41,9 @@ from stadera.files import write_text, written_together
 from stadera.identify.legs import identify
 from stadera.identify.schema import with_identified_legs
 from stadera.identify.settings import IdentifySettings
-from stadera.lab.experiments.reality import toppled
 from stadera.lab.plant import STANDARD
+from stadera.lab.scenarios.catalog import Load, SimulateSettings
 from stadera.lab.scenarios.run import simulate
-from stadera.lab.scenarios.settings import Load, SimulateSettings
 from stadera.lab.truth import Truth, read_truth
 from stadera.logs import Recording
 from stadera.logs.reader import read
@@ -128,11 +127,12 @@ def _truth_of(log: Path) -> Path:
 def weigh_kept(path: Path, factor: float, criterion: str = "") -> Found | None:
     """One of these logs, for `LEGS` with identified ones; None for a robot that fell, or that has none."""
     robot, log, legs = load_robot(path.name.split("-")[0]), read(path), path.with_name(f"{path.stem}.legs.json")
-    if log.time[-1] < LOADED_AT or toppled(log, robot) or (criterion == LEGS and not legs.exists()):
+    truth = read_truth(_truth_of(path))
+    if truth.fell or log.time[-1] < LOADED_AT or (criterion == LEGS and not legs.exists()):
         return None
     if criterion == LEGS:
         robot = with_identified_legs(robot, legs)
-    return weighed(robot, log, read_truth(_truth_of(path)), settings(factor, criterion))
+    return weighed(robot, log, truth, settings(factor, criterion))
 
 
 def weigh_sensed(seed: int, factor: float, spread: float = 1.0, without: str = "") -> Found:

@@ -19,7 +19,7 @@ import numpy as np
 from simulated import made_log, parser_of, show
 
 from stadera.errors import StaderaError
-from stadera.lab.scenarios.settings import SimulateSettings
+from stadera.lab.scenarios.catalog import SimulateSettings
 from stadera.robot import load_robot
 from stadera.trunk.drives import TERMS
 from stadera.types import Array

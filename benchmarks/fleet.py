@@ -35,10 +35,9 @@ from stadera.files import write_text, written_together
 from stadera.fleet import read_fleet
 from stadera.fleet.table import FleetTable
 from stadera.lab.plant import STANDARD
+from stadera.lab.plant.sensors import SensorErrors, measured
+from stadera.lab.scenarios.catalog import SimulateSettings
 from stadera.lab.scenarios.run import simulate
-from stadera.lab.scenarios.settings import SimulateSettings
-from stadera.lab.sensor_errors import SensorErrors
-from stadera.lab.sensors import measured
 from stadera.logs import Recording, write_table
 from stadera.robot import Robot, load_robot
 

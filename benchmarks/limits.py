@@ -67,8 +67,8 @@ from stadera.cli.terminal import progress, show
 from stadera.files import written_together
 from stadera.fleet.pool import Pool
 from stadera.inertia import InertialParameters
-from stadera.lab.control.support import PlanError
-from stadera.lab.control.trunk import ControlError
+from stadera.lab.control.com_plan import PlanError
+from stadera.lab.control.reference import ControlError
 from stadera.lab.experiments.reality import HOW, ROBOTS, SCENARIOS, SHARES, RealityCase
 from stadera.lab.experiments.runner import run_grid
 from stadera.lab.plant import SimulationError

@@ -15,11 +15,10 @@ import numpy as np
 from stadera.body import Body
 from stadera.inertia import InertialParameters
 from stadera.lab.experiments.reality import RealityCase, case_settings, real_log
+from stadera.lab.plant.sensors import STANDARD, effort_limits
 from stadera.lab.reality.draw import Range, RealSizes
+from stadera.lab.scenarios.catalog import SimulateSettings
 from stadera.lab.scenarios.run import simulate
-from stadera.lab.scenarios.settings import SimulateSettings
-from stadera.lab.sensor_errors import STANDARD
-from stadera.lab.sensors import effort_limits
 from stadera.lab.truth import Truth
 from stadera.logs import Recording
 from stadera.robot import Robot

@@ -34,8 +34,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "examples"))
 from live_client import Stadera, imu, joint_state
 
 from stadera.files import written_together
+from stadera.lab.scenarios.catalog import Load, SimulateSettings
 from stadera.lab.scenarios.run import simulate
-from stadera.lab.scenarios.settings import Load, SimulateSettings
 from stadera.live import LiveSession
 from stadera.live.topics import Arrival
 from stadera.logs import Recording, read, write_table

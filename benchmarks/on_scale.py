@@ -18,7 +18,7 @@ import numpy as np
 from simulated import made_log, parser_of, show
 
 from stadera.errors import StaderaError
-from stadera.lab.scenarios.settings import SimulateSettings
+from stadera.lab.scenarios.catalog import SimulateSettings
 from stadera.report.numbers import number
 from stadera.robot import load_robot
 from stadera.types import Array

@@ -11,11 +11,11 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from stadera.lab.baselines import ALL_METHODS
-from stadera.lab.control.support import PlanError
-from stadera.lab.control.trunk import ControlError
+from stadera.lab.control.com_plan import PlanError
+from stadera.lab.control.reference import ControlError
 from stadera.lab.plant import SimulationError, Tray
+from stadera.lab.scenarios.catalog import Load, SimulateSettings
 from stadera.lab.scenarios.run import simulate
-from stadera.lab.scenarios.settings import Load, SimulateSettings
 from stadera.robot import Robot, load_robot
 from stadera.trunk import make_estimator
 from stadera.trunk.measurement import Measurement

@@ -11,9 +11,8 @@ from typing import Any
 from rich.console import Console
 
 from stadera.files import write_text
-from stadera.lab.experiments.reality import toppled
+from stadera.lab.scenarios.catalog import SimulateSettings
 from stadera.lab.scenarios.run import simulate, stored
-from stadera.lab.scenarios.settings import SimulateSettings
 from stadera.lab.truth import Truth
 from stadera.logs import Recording
 from stadera.report.table import TableData, rich_table
@@ -33,9 +32,8 @@ def made_log(
     robot: Robot, scenario: str, settings: SimulateSettings, folder: Path | None, name: str
 ) -> tuple[Recording, Truth] | None:
     """A log and its truth, stored in a folder by name or simulated now; None for a robot that fell."""
-    path = None if folder is None else folder / f"{name}.parquet"
-    log, truth = stored(path, lambda: simulate(robot, scenario, settings))
-    return None if toppled(log, robot) else (log, truth)
+    log, truth = stored(folder, name, lambda: simulate(robot, scenario, settings))
+    return None if truth.fell else (log, truth)
 
 
 def show(title: str, head: Sequence[str], rows: Sequence[Any], results: Any, path: Path | None) -> None:

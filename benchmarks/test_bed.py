@@ -26,7 +26,7 @@ import numpy as np
 from stadera.files import written_together
 from stadera.lab.control import Shake, TestBed, Trot, TrunkController
 from stadera.lab.control.stand import Controller
-from stadera.lab.laws.contact_com import ContactCom
+from stadera.lab.laws.recursive import ContactCom
 from stadera.lab.plant import STANDARD, Plant, Sensors
 from stadera.robot import Robot, load_robot
 from stadera.robot.stance import standing_configuration

@@ -42,7 +42,7 @@ from stadera.files import written_together
 from stadera.lab.control import TestBed, Trot
 from stadera.lab.pinocchio import pinocchio_model
 from stadera.lab.plant import STANDARD, Plant, Sensors
-from stadera.lab.sensors import recording_of
+from stadera.lab.plant.sensors import recording_of
 from stadera.logs import Recording
 from stadera.robot import Robot, load_robot
 from stadera.robot.stance import standing_configuration

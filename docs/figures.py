@@ -20,9 +20,9 @@ import stadera
 from stadera.excite.trunk.design import weighing_routine
 from stadera.identify.result import LegIdentification
 from stadera.lab.demo import run_demo
-from stadera.lab.report.demo.page import demo_html
+from stadera.lab.report.demo import demo_html
+from stadera.lab.scenarios.catalog import Load, SimulateSettings
 from stadera.lab.scenarios.run import simulate
-from stadera.lab.scenarios.settings import Load, SimulateSettings
 from stadera.lab.truth import TruthAt
 from stadera.report.page import find_browser
 from stadera.robot import load_robot

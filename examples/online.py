@@ -11,8 +11,8 @@ from stadera.logs import read
 
 def main(log: str | None = None, robot: str = "hyq", tare: str = "2.5") -> None:
     if log is None:  # without arguments a simulated walk, on which 8 kg land after 3 s (extra `lab`)
+        from stadera.lab.scenarios.catalog import Load, SimulateSettings
         from stadera.lab.scenarios.run import simulate
-        from stadera.lab.scenarios.settings import Load, SimulateSettings
 
         settings = SimulateSettings(load=Load(8.0), load_time=3.0, rate=500.0)
         log = simulate(stadera.load_robot(robot), "crawl-load", settings).recording

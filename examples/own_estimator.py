@@ -49,8 +49,8 @@ class MeanMass:
 def main(log: str | None = None, name: str = "hyq") -> None:
     robot = stadera.load_robot(name)
     if log is None:  # without arguments a simulated robot that stands (extra `lab`)
+        from stadera.lab.scenarios.catalog import SimulateSettings
         from stadera.lab.scenarios.run import simulate
-        from stadera.lab.scenarios.settings import SimulateSettings
 
         log = simulate(robot, "stand", SimulateSettings(duration=5.0)).recording
     estimator: Estimator = MeanMass(robot)

@@ -20,8 +20,8 @@ from layout import ERRORS, PLACES
 from stadera.inertia import InertialParameters
 from stadera.lab.experiments.reality import RealityCase
 from stadera.lab.reality.draw import REAL_SETS, drawn
+from stadera.lab.scenarios.catalog import SimulateSettings
 from stadera.lab.scenarios.run import simulate
-from stadera.lab.scenarios.settings import SimulateSettings
 from stadera.robot import load_robot
 from stadera.robot.stance import standing_configuration
 from stadera.trunk.samples import Samples

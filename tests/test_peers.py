@@ -50,8 +50,8 @@ def test_a_peer_that_is_not_installed_is_skipped_by_name(monkeypatch: pytest.Mon
 
 def test_a_load_on_a_robot_that_stands() -> None:
     """Of the paper's (c), on a run whose truth is known: a second of which nothing is learnt gives no figure."""
+    from stadera.lab.scenarios.catalog import Load, SimulateSettings
     from stadera.lab.scenarios.run import simulate
-    from stadera.lab.scenarios.settings import Load, SimulateSettings
 
     robot = load_robot("go2")
     load = Load(2.0, "kg", (0.05, 0.0, 0.1))

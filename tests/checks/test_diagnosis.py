@@ -19,8 +19,8 @@ from stadera.checks.signals import gravity_findings
 from stadera.checks.statics import Consistency
 from stadera.errors import UntrustedError
 from stadera.inertia import skew
+from stadera.lab.scenarios.catalog import SimulateSettings
 from stadera.lab.scenarios.run import simulate
-from stadera.lab.scenarios.settings import SimulateSettings
 from stadera.logs import Imu, Recording
 from stadera.logs.mend import GYRO, Mend
 from stadera.logs.recording import take

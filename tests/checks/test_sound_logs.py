@@ -9,8 +9,8 @@ import pytest
 
 from stadera.checks import diagnose
 from stadera.checks.windows import window_faults
+from stadera.lab.scenarios.catalog import SimulateSettings
 from stadera.lab.scenarios.run import simulate
-from stadera.lab.scenarios.settings import SimulateSettings
 from stadera.logs import Recording
 from stadera.robot import load_robot
 from stadera.trunk.estimator import TrunkEstimator

@@ -15,8 +15,8 @@ from stadera.checks.instants import Instants
 from stadera.checks.residual import Footing
 from stadera.checks.torques import swapped_in_motion, torque_step
 from stadera.lab.experiments.fault_kinds import FORCES
+from stadera.lab.scenarios.catalog import Load, SimulateSettings
 from stadera.lab.scenarios.run import simulate
-from stadera.lab.scenarios.settings import Load, SimulateSettings
 from stadera.logs import Recording
 from stadera.robot import load_robot
 from stadera.robot.imu import ImuMount

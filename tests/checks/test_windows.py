@@ -12,8 +12,8 @@ from stadera.checks.limits import WindowLimits
 from stadera.checks.windows import window_faults, with_verdicts
 from stadera.errors import UntrustedError
 from stadera.lab.experiments.fault_kinds import SIGNAL_FAULTS
+from stadera.lab.scenarios.catalog import SimulateSettings
 from stadera.lab.scenarios.run import simulate
-from stadera.lab.scenarios.settings import SimulateSettings
 from stadera.logs import Recording
 from stadera.robot import Robot, load_robot
 from stadera.weigh.weigh import weigh

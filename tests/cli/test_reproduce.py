@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 
 from stadera.identify.observability import Identifiability
-from stadera.lab.experiments import Experiment, ExperimentResult, Record, registry
+from stadera.lab import experiments
+from stadera.lab.experiments import Experiment, ExperimentResult, Record
 from stadera.lab.experiments.legs import MissingDataError
 from stadera.lab.experiments.runner import Paper
 from stadera.report.figures import Axis, Figure, Panel, line
@@ -40,9 +41,9 @@ def _result(value: float) -> ExperimentResult:
 def small(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
     """Puts these experiments in place of the paper's."""
 
-    def _small(*experiments: Experiment) -> None:
-        monkeypatch.setattr(registry, "_EXPERIMENTS", experiments)
-        monkeypatch.setattr(registry, "EXPERIMENTS", {e.name: e for e in experiments})
+    def _small(*those: Experiment) -> None:
+        monkeypatch.setattr(experiments, "_EXPERIMENTS", those)
+        monkeypatch.setattr(experiments, "EXPERIMENTS", {e.name: e for e in those})
 
     return _small
 

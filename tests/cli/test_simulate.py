@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from stadera.lab.scenarios.catalog import SCENARIOS, scenario_named
-from stadera.lab.scenarios.settings import SimulateSettings
+from stadera.lab.scenarios.catalog import SCENARIOS, SimulateSettings, scenario_named
 from stadera.lab.truth import read_truth
 from stadera.logs import Recording, read, write_table
 from stadera.robot import load_robot

@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 
 from stadera.errors import IdentificationError, UnknownNameError
 from stadera.lab.baselines import ALL_METHODS
+from stadera.lab.laws.orientation import PostureLaw
 from stadera.lab.laws.poses import WIDE_FOOT, WIDE_TORQUE
-from stadera.lab.laws.posture import PostureLaw
 from stadera.lab.laws.static_poses import PoseOffset, standing_still, static_poses
 from stadera.robot import load_robot
 from stadera.robot.kinematics import foot_positions

@@ -13,9 +13,7 @@ from stadera.excite.design import ExciteSettings
 from stadera.excite.optimise import FourierSearch
 from stadera.identify.settings import LagSettings, SignalSettings, TrustSettings
 from stadera.identify.solutions import SolverSettings
-from stadera.lab.laws.mass import MassSettings
 from stadera.lab.laws.paper_draw import DrawSettings
-from stadera.lab.laws.static_poses import Reach
 from stadera.live.state import LiveSettings
 from stadera.logs.bags.container import BagSettings
 from stadera.robot.stance import StanceSettings
@@ -30,10 +28,8 @@ SETTINGS = (
     FourierSearch,
     LagSettings,
     LiveSettings,
-    MassSettings,
     ModelErrors,
     OutlierSettings,
-    Reach,
     SignalSettings,
     SolverSettings,
     StanceSettings,

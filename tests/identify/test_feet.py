@@ -13,8 +13,8 @@ from stadera import identify
 from stadera.errors import RecordingError
 from stadera.identify.job import carried_shares
 from stadera.identify.settings import IdentifySettings
+from stadera.lab.scenarios.catalog import SimulateSettings
 from stadera.lab.scenarios.run import simulate
-from stadera.lab.scenarios.settings import SimulateSettings
 from stadera.logs import Recording
 from stadera.robot import load_robot
 

@@ -16,8 +16,8 @@ from stadera.identify.schema import with_identified_legs
 from stadera.identify.settings import IdentifySettings
 from stadera.information import Information
 from stadera.lab.plant import simulate_leg
+from stadera.lab.scenarios.catalog import SimulateSettings
 from stadera.lab.scenarios.run import simulate
-from stadera.lab.scenarios.settings import SimulateSettings
 from stadera.logs import Recording
 from stadera.robot import JointDynamics, Robot
 

@@ -7,8 +7,8 @@ import pytest
 from scipy.stats import norm, t
 
 from layout import LAYOUT
+from stadera.lab.scenarios.catalog import Load, SimulateSettings
 from stadera.lab.scenarios.run import simulate
-from stadera.lab.scenarios.settings import Load, SimulateSettings
 from stadera.robot import load_robot
 from stadera.trunk.changes import ChangeDetector, Deviations, Spread, Usual
 from stadera.trunk.estimator import TrunkEstimator

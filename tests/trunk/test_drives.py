@@ -12,8 +12,8 @@ import pytest
 from stadera import load_robot, weigh
 from stadera.identify.schema import with_identified_legs
 from stadera.lab.pinocchio import pinocchio_model
+from stadera.lab.scenarios.catalog import SimulateSettings
 from stadera.lab.scenarios.run import Run, simulate
-from stadera.lab.scenarios.settings import SimulateSettings
 from stadera.robot import JointDynamics
 from stadera.robot.stance import standing_configuration
 from stadera.trunk.drives import TERMS, _carried

@@ -13,7 +13,7 @@ import pytest
 from stadera.constants import GRAVITY
 from stadera.errors import ModelError, RecordingError, StaderaError
 from stadera.inertia import InertialParameters
-from stadera.lab.baselines.solvers import KalmanTrunk, LeastSquaresTrunk, RlsTrunk
+from stadera.lab.baselines import KalmanTrunk, LeastSquaresTrunk, RlsTrunk
 from stadera.lab.plant import IDEAL, STANDARD, RigidMass, SensorErrors, estimator_model
 from stadera.logs import Recording
 from stadera.robot import JointDynamics, Robot, load_robot

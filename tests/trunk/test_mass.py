@@ -8,11 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stadera.errors import StaderaError
 from stadera.lab.control import TestBed, TrunkController
-from stadera.lab.laws.mass import MassEstimator, MassSettings
+from stadera.lab.laws.static import MassEstimator, MassSettings
 from stadera.lab.plant import IDEAL, STANDARD, Plant, RigidMass, SensorErrors, Sensors, Terrain
-from stadera.lab.sensors import measurement_of
+from stadera.lab.plant.sensors import measurement_of
 from stadera.robot import load_robot
 from stadera.robot.imu import ImuMount
 from stadera.robot.stance import standing_configuration
@@ -160,8 +159,3 @@ def test_a_mass_that_cannot_be_is_refused(standing: Plant) -> None:
     assert estimate.status is Status.REFUSED
     assert "runs away: trunk mass" in estimate.reason
     assert estimate.trunk.mass == ROBOT.inertias[ROBOT.trunk].mass
-
-
-def test_settings_are_checked() -> None:
-    with pytest.raises(StaderaError, match="time_constant"):
-        MassSettings(time_constant=-1.0)

@@ -10,7 +10,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from stadera.lab.baselines import ALL_METHODS
-from stadera.lab.sensor_errors import IDEAL
+from stadera.lab.plant.sensors import IDEAL
 from stadera.logs import Recording
 from stadera.robot import Robot, load_robot
 from stadera.robot.imu import ImuMount, force_at_origin

@@ -9,9 +9,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from stadera.errors import ModelError, RecordingError, StaderaError, UnknownNameError
-from stadera.lab.laws.mass import MassEstimator
+from stadera.lab.laws.static import MassEstimator
 from stadera.lab.plant import IDEAL, Plant, SensorReading, Sensors, recording_of
-from stadera.lab.sensors import measurement_of
+from stadera.lab.plant.sensors import measurement_of
 from stadera.logs import Imu
 from stadera.robot import Robot, load_robot
 from stadera.robot.imu import ImuMount

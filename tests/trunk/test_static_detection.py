@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from stadera.lab.laws.mass import MassEstimator
 from stadera.lab.laws.poses import SETTLED
+from stadera.lab.laws.static import MassEstimator
+from stadera.lab.scenarios.catalog import SimulateSettings
 from stadera.lab.scenarios.run import simulate
-from stadera.lab.scenarios.settings import SimulateSettings
 from stadera.robot import load_robot
 from stadera.robot.stance import standing_configuration
 from stadera.trunk import ContactForceEstimator, Measurement, StaticDetector, StaticLimits, Status, TrunkBounds

@@ -11,8 +11,8 @@ import pytest
 from layout import LAYOUT, PLACES
 from stadera.constants import GRAVITY
 from stadera.lab.control.legs import LegDynamics
+from stadera.lab.scenarios.catalog import SimulateSettings
 from stadera.lab.scenarios.run import simulate
-from stadera.lab.scenarios.settings import SimulateSettings
 from stadera.robot import Robot, load_robot
 from stadera.robot.imu import ImuMount
 from stadera.robot.stance import standing_configuration

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from stadera.errors import StaderaError
-from stadera.lab.supervise.trusted import TrustedEstimator, TrustLimits
+from stadera.lab.supervise.supervisor import TrustedEstimator
 from stadera.robot import load_robot
 from stadera.trunk.measurement import Measurement
 from stadera.trunk.model import TrunkModel
@@ -69,8 +68,3 @@ def test_what_is_not_plausible_is_not_handed_on(mass: float, x: float, reason: s
     inner.tell(2.0, mass, 0.1, x, reason)
     assert trusted.estimate().trunk.mass == 65.0
     assert said in trusted.estimate().reason
-
-
-def test_limits_that_make_no_sense() -> None:
-    with pytest.raises(StaderaError, match="must be positive"):
-        TrustLimits(0.0, 0.01)

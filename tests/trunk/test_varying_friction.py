@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from layout import ERRORS, PLACES
+from stadera.lab.scenarios.catalog import SimulateSettings
 from stadera.lab.scenarios.run import simulate
-from stadera.lab.scenarios.settings import SimulateSettings
 from stadera.robot import load_robot
 from stadera.trunk import Samples, TrunkEstimator
 from stadera.trunk.segment import RowMoments, WeightedRows

@@ -11,11 +11,10 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from stadera.inertia import InertialParameters
-from stadera.lab.laws.contact_com import ContactCom
 from stadera.lab.laws.equilibrium import equilibrium_rows, weight_felt
-from stadera.lab.laws.mass import felt_by_mass
 from stadera.lab.laws.poses import Alike, PoseMean, centre_of, plausible, with_errors, with_poses
-from stadera.lab.laws.static import stated_errors
+from stadera.lab.laws.recursive import ContactCom
+from stadera.lab.laws.static import felt_by_mass, stated_errors
 from stadera.logs import Recording
 from stadera.robot import Robot, load_robot
 from stadera.robot.stance import standing_configuration

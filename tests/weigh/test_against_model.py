@@ -9,8 +9,8 @@ import pytest
 
 from stadera.errors import StaderaError, UntrustedError
 from stadera.inertia import InertialParameters
+from stadera.lab.scenarios.catalog import Load, SimulateSettings
 from stadera.lab.scenarios.run import simulate
-from stadera.lab.scenarios.settings import Load, SimulateSettings
 from stadera.logs import Imu, Recording
 from stadera.robot import Robot, load_robot
 from stadera.robot.kinematics import foot_positions

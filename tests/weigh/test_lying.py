@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from stadera.lab.scenarios.catalog import SimulateSettings
 from stadera.lab.scenarios.run import simulate
-from stadera.lab.scenarios.settings import SimulateSettings
 from stadera.robot import load_robot
 from stadera.robot.model import Shape
 from stadera.robot.stance import standing_configuration

@@ -10,8 +10,8 @@ import pytest
 
 from stadera.checks.other_robot import carried, carriers, other_robots
 from stadera.errors import RecordingError, UntrustedError
+from stadera.lab.scenarios.catalog import Load, SimulateSettings
 from stadera.lab.scenarios.run import simulate
-from stadera.lab.scenarios.settings import Load, SimulateSettings
 from stadera.logs import Recording
 from stadera.logs.frames import write_table
 from stadera.robot import load_robot

@@ -13,8 +13,8 @@ from typer.testing import CliRunner
 
 from stadera.cli.app import app
 from stadera.errors import IdentificationError, RecordingError, StaderaError
+from stadera.lab.scenarios.catalog import SimulateSettings
 from stadera.lab.scenarios.run import Run, simulate
-from stadera.lab.scenarios.settings import SimulateSettings
 from stadera.logs import Recording, write_table
 from stadera.logs.recording import take
 from stadera.robot import load_robot

@@ -28,14 +28,14 @@ from stadera.cli.outputs import ResultFiles, check_outputs, check_report, check_
 from stadera.cli.terminal import progress, show
 
 if TYPE_CHECKING:
-    from stadera.lab.experiments.result import ExperimentResult, Skipped
+    from stadera.lab.experiments.runner import ExperimentResult, Skipped
+    from stadera.lab.scenarios.catalog import SimulateSettings
     from stadera.lab.scenarios.run import Run
-    from stadera.lab.scenarios.settings import SimulateSettings
     from stadera.report.figures import Figure
     from stadera.report.table import TableData
 
 
-_SCENARIOS = "stand|stand-load|poses|ramp|crawl|crawl-load|trot|trot-load|shake|shake-load|squat|swing|motion"
+_SCENARIOS = "stand|stand-load|poses|ramp|crawl|crawl-load|trot|trot-load|errands|shake|shake-load|squat|swing|motion"
 
 
 @dataclass(frozen=True)
@@ -78,7 +78,7 @@ class RunOptions:
         if (self.motion is None) == (scenario == "motion"):
             raise typer.BadParameter("goes with the scenario motion", param_hint="--motion")
 
-        from stadera.lab.scenarios.settings import Load, SimulateSettings
+        from stadera.lab.scenarios.catalog import Load, SimulateSettings
         from stadera.logs import read
 
         place = None if self.at is None else parse.point(self.at)
@@ -120,7 +120,7 @@ def simulate(
     require_lab("stadera simulate")
     from stadera.lab.scenarios.catalog import SWING, scenario_named
     from stadera.lab.scenarios.run import simulate as run_scenario
-    from stadera.lab.scenarios.swing import swing
+    from stadera.lab.scenarios.run import swing
     from stadera.robot import load_robot
 
     if scenario != SWING:
@@ -191,8 +191,7 @@ def demo(
 
     require_lab("stadera demo")
     from stadera.lab.demo import DemoSettings, run_demo
-    from stadera.lab.report.demo.page import demo_html
-    from stadera.lab.report.demo.terminal import demo_tables
+    from stadera.lab.report.demo import demo_html, demo_tables
 
     if report == _DEMO:
         report.parent.mkdir(exist_ok=True)
@@ -242,9 +241,8 @@ def replay(
     from stadera.report.table import rich_table
 
     require_lab("replaying a log")
-    from stadera.lab.replay import ReplaySettings
+    from stadera.lab.replay import ReplaySettings, replayed_models
     from stadera.lab.replay import replay as replay_log
-    from stadera.lab.replayed import replayed_models
 
     try:
         commanded = options.reading.pd if gains is None else PdGains.parse(gains)
@@ -317,7 +315,7 @@ def _write_all(results: list[ExperimentResult | Skipped], files: ResultFiles) ->
     """Writes all outputs or none. Figures of several experiments are prefixed with the experiment's name:
     fig6-figure-1.
     """
-    from stadera.lab.experiments.result import ExperimentResult
+    from stadera.lab.experiments.runner import ExperimentResult
     from stadera.lab.report.experiments import experiments_html
     from stadera.report.table import latex as latex_of
 

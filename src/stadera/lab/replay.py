@@ -15,27 +15,33 @@ state z is that of the recorded path at the beginning.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import exp
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import mujoco
 import numpy as np
 
 from stadera.body.friction import presliding
+from stadera.boundary import foreign
 from stadera.checks import Guard
-from stadera.errors import RecordingError, StaderaError, require_positive
+from stadera.errors import ModelError, RecordingError, StaderaError, require_positive
 from stadera.identify.job import carried_shares, vertical_of
 from stadera.identify.log import chunks
-from stadera.lab.plant.model import ModelOptions, build_model, joint_offsets
+from stadera.identify.schema import with_identified_legs
+from stadera.lab.plant.model import PlantOptions, build_model, joint_offsets
+from stadera.limits import DEFAULTS, Limits
 from stadera.logs.filters import highest_cutoff
 from stadera.logs.processing import Preprocessing, Processed, preprocess
 from stadera.logs.reader import Log, as_log, read_head
 from stadera.logs.recording import concatenate
 from stadera.logs.topics import PdGains
 from stadera.results import Result, data_frame
-from stadera.robot.model import Robot
+from stadera.robot.load import load_robot
+from stadera.robot.model import JointDynamics, Robot
 from stadera.types import Array, Progress
 
 if TYPE_CHECKING:
@@ -250,7 +256,7 @@ class _Simulated:
     ) -> None:
         robot, tree = drive.robot, drive.robot.tree.restricted(joints)
         self.order = [joints.index(joint) for joint in tree.joints]
-        self.model = build_model(robot, tree, ModelOptions(timestep=timestep))
+        self.model = build_model(robot, tree, PlantOptions(timestep=timestep))
         self.model.opt.gravity[:] = -np.linalg.norm(self.model.opt.gravity) * up / np.linalg.norm(up)
         self.model.opt.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
         self.data = mujoco.MjData(self.model)
@@ -306,3 +312,55 @@ class _Simulated:
         q, carried = self.data.qpos, np.abs(self.data.qfrc_bias)
         varying = cos * (np.cos(q) - cos_mean) + sin * (np.sin(q) - sin_mean) + load * (carried - load_mean)
         return np.asarray(np.maximum(self.coulomb + varying, 0.0))
+
+
+TERMS = ("armature", "viscous", "coulomb", "offset")
+
+
+def replayed_models(
+    tested: str, against: str, *, force: bool = False, limits: Limits = DEFAULTS
+) -> tuple[tuple[Drive, ...], float | None]:
+    """The models by name, the tested one first, and the torques' lag [s] that the tested one states, if it does.
+
+    Args:
+        tested: a model file, a robot's name, or the JSON of `identify --json`, whose values are put into `against`. Of
+            a JSON there are also what its exported file says (constant friction), and the other model with the friction
+            that was fitted to it.
+        against: a model file or a robot's name.
+        force: take an identification that is not to be trusted.
+        limits: for reading the model files.
+
+    Raises:
+        ModelError: no such file, or no model. UntrustedError: a bad identification, without `force`. LimitError:
+            a model file exceeds the limits.
+    """
+    cad = load_robot(against, limits)
+    if Path(tested).suffix.lower() != ".json":
+        return (Drive("identified", load_robot(tested, limits)), Drive("CAD", cad)), None
+    identified = with_identified_legs(cad, tested, force)
+    with foreign(Path(tested), "not the JSON of an identification (--json)", ModelError):
+        value = json.loads(Path(tested).read_text(encoding="utf-8"))
+        laws = {joint: law for joint, entry in value["joints"].items() if (law := _law(entry)) != JointLaw()}
+        fitted = {joint: _with_friction(cad, joint, terms) for joint, terms in value["cad_friction"].items()}
+        lag = float(value["torque_lag"])
+    exported = (Drive("identified, constant friction", identified),) if laws else ()
+    return (
+        Drive("identified", identified, laws),
+        *exported,
+        Drive("CAD with friction", cad.with_dynamics(fitted)),
+        Drive("CAD", cad),
+    ), lag
+
+
+def _law(entry: dict[str, Any]) -> JointLaw:
+    def term(name: str) -> tuple[float, float]:
+        found = entry.get(name)
+        return (float(found["value"]), float(found["centre"])) if found else (0.0, 0.0)
+
+    travel = float(entry["presliding"]["value"]) if "presliding" in entry else 0.0
+    return JointLaw(term("coulomb_cos"), term("coulomb_sin"), term("coulomb_load"), travel)
+
+
+def _with_friction(robot: Robot, joint: str, terms: dict[str, float]) -> JointDynamics:
+    known = {name: value if name == "offset" else max(value, 0.0) for name, value in terms.items() if name in TERMS}
+    return replace(robot.dynamics[joint], **known)

@@ -26,7 +26,7 @@ from stadera.trunk.standing.estimator import StandingEstimator
 from stadera.trunk.standing.forces import ContactForceEstimator
 
 if TYPE_CHECKING:
-    from stadera.lab.laws.posture import PostureLaw
+    from stadera.lab.laws.orientation import PostureLaw
 
 GROUP = "stadera.estimators"
 """Group of the entry points of installed packages that are methods, too."""
@@ -81,7 +81,7 @@ def _orientation(setup: Setup) -> Weigher:
 
 
 def _contact(setup: Setup) -> Weigher:
-    from stadera.lab.laws.contact_com import ContactCom
+    from stadera.lab.laws.recursive import ContactCom
 
     return ContactCom(setup.robot, setup.start, setup.forces)
 

@@ -39,7 +39,7 @@ from stadera.weigh.result import Refusal, Timeline, Weighing
 from stadera.weigh.settings import TestWeight, Watch, WeighSettings
 
 if TYPE_CHECKING:
-    from stadera.lab.laws.posture import PostureLaw
+    from stadera.lab.laws.orientation import PostureLaw
 
 _IN_MOTION, _AT_REST = ("torque_lag", "spikes", "impacts", "drives"), ("balance", "vertical")
 """What an estimator may tell beyond the protocol, under its name in `Weighing`."""
@@ -322,7 +322,7 @@ class _LogPass:
             raise IdentificationError(
                 f"{self.log.source.source}: the method 'orientation' needs columns imu.orientation.x, ..."
             )
-        from stadera.lab.laws.posture import PostureLaw
+        from stadera.lab.laws.orientation import PostureLaw
 
         reference = mount.trunk_rotation(rotation_matrix(first.imu.orientation[0]))
         return PostureLaw(np.array(stiffness), reference, feeds_back=False)

@@ -8,7 +8,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from stadera.errors import ModelError
 from stadera.lab.control.distribution import ContactLimits, ForceDistribution
 from stadera.lab.plant import Terrain
 
@@ -112,10 +111,3 @@ def test_smoothing_holds_the_forces_back() -> None:
         if sharing is steady:
             held = change
     assert held < 0.5 * change
-
-
-def test_limits_are_checked() -> None:
-    with pytest.raises(ModelError, match="friction"):
-        ContactLimits(friction=-0.1)
-    with pytest.raises(ModelError, match="least < most"):
-        ContactLimits(least_normal=5.0, most_normal=1.0)

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 from scipy.spatial.transform import Rotation
 
-from stadera.errors import ModelError
 from stadera.lab.control import TestBed, TrunkController
 from stadera.lab.control.legs import foot_jacobians
-from stadera.lab.control.odometry import LegOdometry
+from stadera.lab.control.trunk import LegOdometry
 from stadera.lab.plant import Plant, Sensors
-from stadera.lab.sensor_errors import IDEAL
+from stadera.lab.plant.sensors import IDEAL
 from stadera.robot import load_robot
 from stadera.robot.kinematics import foot_positions
 from stadera.robot.stance import standing_configuration
@@ -125,5 +123,3 @@ def test_velocity_by_legs_and_imu() -> None:
     odometry.locate(FEET, np.zeros(4, dtype=bool))
     before = odometry.fused(np.full(3, 9.0), np.zeros(3), dt)
     np.testing.assert_allclose(odometry.fused(np.full(3, 9.0), np.ones(3), dt), before + dt, atol=1e-12)
-    with pytest.raises(ModelError, match="time constant"):
-        LegOdometry(-1.0)

@@ -12,11 +12,11 @@ import pytest
 from stadera.constants import GRAVITY
 from stadera.errors import MissingExtraError, StaderaError
 from stadera.inertia import InertialParameters
-from stadera.lab.plant.state import TrueState
+from stadera.lab.plant.sensors import truth_of
 from stadera.lab.plant.whole import as_loaded, whole_robot
+from stadera.lab.plant.world import TrueState
+from stadera.lab.scenarios.catalog import Load, SimulateSettings
 from stadera.lab.scenarios.run import Run, simulate
-from stadera.lab.scenarios.settings import Load, SimulateSettings
-from stadera.lab.sensors import truth_of
 from stadera.lab.truth import truth_json
 from stadera.logs import Recording
 from stadera.robot import Robot, load_robot

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from stadera.errors import MissingExtraError
 from stadera.lab.control import TestBed, TrunkController
 from stadera.lab.plant import IDEAL, Payload, Plant, RigidMass, SensorErrors, Sensors, Terrain, TrueState
-from stadera.lab.sensors import plant_model
+from stadera.lab.plant.sensors import plant_model
 from stadera.robot import Robot, load_robot
 from stadera.robot.stance import standing_configuration
 from stadera.trunk import Estimator, TrunkBounds, TrunkModel
@@ -41,7 +41,6 @@ def bed(
     trunk: Callable[[TrunkModel], TrunkModel] = lambda truth: truth,
     estimator: Callable[[TrunkController], Estimator] | None = None,
     feed_back: bool = False,
-    trunk_time: float = 0.05,
     every: int = 1,
 ) -> TestBed:
     """A plant with a controller that starts from `trunk` of the true trunk."""
@@ -49,7 +48,7 @@ def bed(
     plant.reset(standing_configuration(robot))
     if payload is not None:
         plant.apply_payload(payload)
-    controller = TrunkController(robot, trunk=trunk(TrunkModel.of(plant.truth())), trunk_time=trunk_time)
+    controller = TrunkController(robot, trunk=trunk(TrunkModel.of(plant.truth())))
     beside = None if estimator is None else estimator(controller)
     return TestBed(plant, Sensors(errors, 7, robot), controller, beside, feed_back=feed_back, every=every)
 

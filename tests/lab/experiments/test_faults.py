@@ -13,10 +13,9 @@ from stadera.fleet.pool import Pool
 from stadera.lab.experiments import faults
 from stadera.lab.experiments.fault_kinds import FORCES, SIGNAL_FAULTS
 from stadera.lab.experiments.faults import CLEAN, HOW, FaultCase, FaultyLog, LogCase, cases, weigh_faulty
-from stadera.lab.experiments.result import ExperimentResult
-from stadera.lab.experiments.runner import ReproduceSettings, run_grid
+from stadera.lab.experiments.runner import ExperimentResult, ReproduceSettings, run_grid
+from stadera.lab.scenarios.catalog import SimulateSettings
 from stadera.lab.scenarios.run import simulate
-from stadera.lab.scenarios.settings import SimulateSettings
 from stadera.logs import Recording
 from stadera.robot import load_robot
 

@@ -8,8 +8,8 @@ from stadera import weigh
 from stadera.errors import MissingExtraError
 from stadera.lab.experiments.humanoids import FAULTS, MOTIONS, CarryCase, cases, hand_of, summary, weighed
 from stadera.lab.experiments.runner import ReproduceSettings
+from stadera.lab.scenarios.catalog import SimulateSettings
 from stadera.lab.scenarios.run import simulate
-from stadera.lab.scenarios.settings import SimulateSettings
 from stadera.robot import load_robot
 
 

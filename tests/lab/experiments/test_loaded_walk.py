@@ -16,7 +16,7 @@ from stadera.lab.experiments.loaded_walk import (
     corner_of,
     weight_at,
 )
-from stadera.lab.experiments.result import ExperimentResult
+from stadera.lab.experiments.runner import ExperimentResult
 from stadera.lab.plant.payload import Tray
 from stadera.robot import load_robot
 

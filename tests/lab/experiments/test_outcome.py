@@ -7,10 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stadera.errors import StaderaError
 from stadera.lab.control.monitor import Fall
 from stadera.lab.experiments.loaded_walk import (
-    OutcomeLimits,
     WalkOutcome,
     WalkTrace,
     longest_spell,
@@ -115,8 +113,3 @@ def test_longest_spell():
     assert longest_spell(time, np.array([True, True, False, True, True])) == 1.0
     assert longest_spell(time, np.array([False, True, True, True, False])) == 3.0
     assert longest_spell(time, np.zeros(5, dtype=bool)) == 0.0
-
-
-def test_limits_that_make_no_sense():
-    with pytest.raises(StaderaError, match="sag"):
-        OutcomeLimits(sag=0.0)

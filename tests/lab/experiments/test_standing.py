@@ -13,8 +13,7 @@ from stadera.errors import StaderaError
 from stadera.fleet.pool import Pool
 from stadera.lab.experiments import EXPERIMENTS, ExperimentResult, ReproduceSettings, runner, standing, table2, table4
 from stadera.lab.experiments.fig6 import Settling
-from stadera.lab.experiments.result import Record
-from stadera.lab.experiments.runner import run_grid
+from stadera.lab.experiments.runner import Record, run_grid
 from stadera.lab.experiments.standing import (
     StandingCase,
     StandingOutcome,

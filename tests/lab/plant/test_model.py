@@ -12,7 +12,7 @@ import pytest
 from lab.plant.reference import inverse_dynamics, pinocchio_model
 from stadera.errors import MissingExtraError, ModelError
 from stadera.inertia import InertialParameters
-from stadera.lab.plant.model import ModelOptions, build_model, mass_matrix, workspace
+from stadera.lab.plant.model import PlantOptions, build_model, mass_matrix, workspace
 from stadera.robot import JointDynamics, Robot, load_robot
 
 TOLERANCE = 1e-9
@@ -30,7 +30,7 @@ def robot(request: pytest.FixtureRequest) -> Robot:
 
 
 def test_floating_robot_has_pinocchios_mass_matrix_and_bias(robot: Robot) -> None:
-    model = build_model(robot, options=ModelOptions(floating=True))
+    model = build_model(robot, options=PlantOptions(floating=True))
     data = mujoco.MjData(model)
     reference = pinocchio_model(robot, robot.tree, floating=True)
     reference_data = reference.createData()
@@ -119,9 +119,3 @@ def test_joint_dynamics_and_limits_reach_the_model() -> None:
     assert model.dof_damping[dof] == 0.2
     assert model.dof_frictionloss[dof] == 0.3
     assert model.actuator(joint).forcerange[1] == robot.limits[joint].effort
-
-
-@pytest.mark.parametrize("timestep", [0.0, -1e-3, float("nan")])
-def test_timestep_must_be_positive(timestep: float) -> None:
-    with pytest.raises(ModelError, match="timestep"):
-        ModelOptions(timestep=timestep)

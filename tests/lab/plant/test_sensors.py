@@ -209,12 +209,6 @@ def test_bad_errors_are_named(hyq: Robot) -> None:
     with pytest.raises(UnknownNameError, match="ideal, standard, harsh"):
         sensor_errors("awful")
     assert sensor_errors("Harsh") is HARSH
-    with pytest.raises(ModelError, match="'gyro'"):
-        SensorErrors(gyro=-1.0)
-    with pytest.raises(UnknownNameError, match="run, sample"):
-        Gaussian(drawn="day")
-    with pytest.raises(ModelError, match="std"):
-        Gaussian(std=-1.0)
     unlimited = replace(hyq, limits={joint: JointLimits() for joint in hyq.tree.joints})
     with pytest.raises(ModelError, match="has no effort limit"):
         Sensors(STANDARD, 0, unlimited)

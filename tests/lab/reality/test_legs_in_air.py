@@ -9,9 +9,8 @@ from stadera.errors import IdentificationError, UnknownNameError
 from stadera.identify.legs import identify
 from stadera.identify.settings import IdentifySettings
 from stadera.lab.laws.paper_draw import paper_draw
-from stadera.lab.scenarios.run import simulate
-from stadera.lab.scenarios.settings import SimulateSettings
-from stadera.lab.scenarios.swing import swing
+from stadera.lab.scenarios.catalog import SimulateSettings
+from stadera.lab.scenarios.run import simulate, swing
 from stadera.lab.truth import truth_json
 from stadera.robot import load_robot
 

@@ -10,12 +10,12 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from stadera.lab.plant import Plant
-from stadera.lab.plant.friction import VaryingFriction
-from stadera.lab.plant.state import TrueState
-from stadera.lab.reality import REAL_SETS, Drawn, RealSizes, TrueMotion, drawn, measured_log
+from stadera.lab.plant.model import DryFriction
+from stadera.lab.plant.sensors import effort_limits
+from stadera.lab.plant.world import TrueState
+from stadera.lab.reality import REAL_SETS, DrawnRobot, RealSizes, TrueMotion, drawn, measured_log
+from stadera.lab.scenarios.catalog import SimulateSettings
 from stadera.lab.scenarios.run import Run, simulate
-from stadera.lab.scenarios.settings import SimulateSettings
-from stadera.lab.sensors import effort_limits
 from stadera.lab.truth import truth_json
 from stadera.robot import load_robot
 from stadera.robot.imu import ImuMount
@@ -110,7 +110,7 @@ def test_torques_are_late_scaled_and_offset() -> None:
 
 
 def test_quantised_positions_are_differenced() -> None:
-    draw: Drawn = replace(drawn(GO2, EXACT, 2), quantum=2 * np.pi / 2**14, differenced=0.005)
+    draw: DrawnRobot = replace(drawn(GO2, EXACT, 2), quantum=2 * np.pi / 2**14, differenced=0.005)
     states, _ = thrown(GO2)
     log = measured_log(TrueMotion.of(states, GO2), GO2, draw, 0, 500.0)
     whole = log.position / draw.quantum
@@ -165,7 +165,7 @@ def test_what_varies_is_drawn_beside_all_else_and_is_in_the_log() -> None:
 
 
 def test_friction_follows_position_and_load() -> None:
-    law = VaryingFriction(np.ones(2), np.zeros(2), np.ones(2), np.array([[0.0, 0.3, -0.1]] * 2), np.array([0.0, 0.1]))
+    law = DryFriction(np.ones(2), np.zeros(2), np.ones(2), np.array([[0.0, 0.3, -0.1]] * 2), np.array([0.0, 0.1]))
     np.testing.assert_allclose(law.at(np.array([0.25, 0.75]), np.array([9.0, -9.0])), [1.15, 2.0])
     np.testing.assert_allclose(law.at(np.array([-1.0, 2.0]), np.zeros(2)), [1.0, 0.9])
     plant = Plant(GO2, friction=replace(law, **_wide(12)))

@@ -9,8 +9,8 @@ import pytest
 
 from stadera.excite.sinusoids import Sinusoids
 from stadera.excite.trunk.planted import AXES, Planted
+from stadera.lab.scenarios.catalog import Load, SimulateSettings
 from stadera.lab.scenarios.run import simulate
-from stadera.lab.scenarios.settings import Load, SimulateSettings
 from stadera.logs import Recording
 from stadera.robot import load_robot
 from stadera.trunk import Samples, TrunkEstimator, TrunkSettings

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from stadera.lab.laws.static_poses import PoseOffset, standing_still
-from stadera.lab.supervise import CorrectedForces, Stage, StandingWeighing
+from stadera.lab.supervise.weighing import CorrectedForces, Stage, StandingWeighing
 from stadera.robot import load_robot
 from stadera.trunk import ContactForceEstimator, TrunkModel
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from lab.supervise.scripted import ScriptedWalker
-from stadera.lab.supervise import NonstopSupervisor, State, Walker
+from stadera.lab.supervise.supervisor import Mode, NonstopSupervisor, Walker
 from stadera.robot import load_robot
 from stadera.robot.stance import standing_configuration
 from stadera.trunk import Measurement, TrunkModel
@@ -48,8 +48,8 @@ def day() -> Day:
 
 def test_a_load_is_taken_over_and_nobody_is_asked_to_stop(day: Day) -> None:
     assert isinstance(day.walker, Walker)
-    assert [t.after for t in day.supervisor.transitions] == [State.WEIGHING, State.WALKING]
-    assert day.supervisor.state is State.WALKING
+    assert [t.after for t in day.supervisor.transitions] == [Mode.WEIGHING, Mode.WALKING]
+    assert day.supervisor.state is Mode.WALKING
     assert day.walker.walking
     (noticed,) = day.supervisor.noticed
     assert 3.0 < noticed < 3.4
@@ -86,7 +86,7 @@ def test_a_walker_that_cannot_walk_on_is_left_standing() -> None:
     day.go_on(0.0, 0.3)
     day.walker.fault = "LH found no ground"
     day.go_on(0.0, 0.1)
-    assert day.supervisor.state is State.STANDING
+    assert day.supervisor.state is Mode.STANDING
     assert day.supervisor.transitions[-1].reason == "LH found no ground"
     assert not day.walker.walking
     day.go_on(8.0, 0.3)
@@ -97,7 +97,7 @@ def test_a_load_too_heavy_to_walk_with_is_refused() -> None:
     day = Day()
     day.go_on(0.0, 3.0)
     day.go_on(90.0, 0.6)
-    assert day.supervisor.state is State.STANDING
+    assert day.supervisor.state is Mode.STANDING
     assert "too heavy" in day.supervisor.transitions[-1].reason
     assert not day.walker.walking
 
@@ -112,5 +112,5 @@ def test_it_comes_to_stand_once_even_if_the_walker_gives_up_as_well() -> None:
     day.go_on(0.0, 3.0)
     day.go_on(90.0, 0.6)
     weighing, standing = day.supervisor.transitions
-    assert (weighing.after, standing.after) == (State.WEIGHING, State.STANDING)
+    assert (weighing.after, standing.after) == (Mode.WEIGHING, Mode.STANDING)
     assert "too heavy" in standing.reason

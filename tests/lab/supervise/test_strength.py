@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from stadera.lab.supervise import hardest_effort
+from stadera.lab.supervise.supervisor import hardest_effort
 from stadera.robot import load_robot
 from stadera.robot.stance import standing_configuration
 from stadera.trunk import TrunkModel

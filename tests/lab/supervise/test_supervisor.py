@@ -12,7 +12,8 @@ import pytest
 
 from lab.supervise.scripted import ScriptedWalker
 from stadera.errors import StaderaError
-from stadera.lab.supervise import State, StoppingSupervisor, StopSettings, Transition, Walker, WeighingSettings
+from stadera.lab.supervise.supervisor import Mode, StoppingSupervisor, Transition, Walker
+from stadera.lab.supervise.weighing import WeighingSettings
 from stadera.robot import load_robot
 from stadera.robot.stance import standing_configuration
 from stadera.trunk import Measurement
@@ -21,7 +22,14 @@ from standing import StandingRobot
 HYQ = load_robot("hyq")
 PLACE = (-0.3, 0.15, 0.2)
 PERIOD = 0.004
-ROUND = [State.WALKING, State.STOPPING, State.WEIGHING_MASS, State.WEIGHING_COM, State.CONVERGED, State.WALKING]
+ROUND = [
+    Mode.WALKING,
+    Mode.STOPPING,
+    Mode.WEIGHING_MASS,
+    Mode.WEIGHING_COM,
+    Mode.CONVERGED,
+    Mode.WALKING,
+]
 
 
 @cache
@@ -47,8 +55,8 @@ class Day:
         return self
 
     @property
-    def states(self) -> list[State]:
-        return [State.WALKING, *(t.after for t in self.supervisor.transitions)]
+    def states(self) -> list[Mode]:
+        return [Mode.WALKING, *(t.after for t in self.supervisor.transitions)]
 
     @property
     def last(self) -> Transition:
@@ -61,7 +69,7 @@ def test_scripted_walker_is_a_walker():
 
 def test_nothing_happens_while_nothing_changes():
     day = Day().meets(0.0, 20.0)
-    assert day.states == [State.WALKING]
+    assert day.states == [Mode.WALKING]
     assert day.walker.walking
     assert not day.walker.models
 
@@ -100,21 +108,21 @@ def test_payload_is_told_by_difference():
 def test_a_weighing_that_does_not_converge_leaves_the_old_trunk_and_stands():
     wobbling = [replace(standing(10.0), joint_velocity=np.full(12, 0.3 * (-1) ** (k // 50))) for k in range(1500)]
     day = Day(weighing=WeighingSettings(mass_within=2.0)).meets(0.0, 3.0).meets(10.0, 0.5).sees(wobbling)
-    assert day.states[-2:] == [State.WEIGHING_MASS, State.STANDING]
+    assert day.states[-2:] == [Mode.WEIGHING_MASS, Mode.STANDING]
     assert "did not converge within 2 s" in day.last.reason
     assert "joint" in day.last.reason
     assert not day.walker.models
     assert not day.walker.walking
     assert day.supervisor.trunk.mass == HYQ.inertias[HYQ.trunk].mass
-    assert day.meets(10.0, 5.0).states[-1] is State.STANDING, "it stays until told otherwise"
+    assert day.meets(10.0, 5.0).states[-1] is Mode.STANDING, "it stays until told otherwise"
     day.supervisor.weigh("the operator asks for it")
-    assert day.meets(10.0, 8.0).states[-1] is State.WALKING
+    assert day.meets(10.0, 8.0).states[-1] is Mode.WALKING
     assert len(day.walker.models) == 1
 
 
 def test_a_load_that_changes_while_it_is_weighed_begins_the_weighing_anew():
     day = Day().meets(0.0, 3.0).meets(10.0, 2.0).meets(20.0, 8.0)
-    assert State.CONVERGED in day.states
+    assert Mode.CONVERGED in day.states
     assert "anew" in " ".join(t.reason for t in day.supervisor.transitions)
     assert [round(b.mass - HYQ.inertias[HYQ.trunk].mass, 1) for b in day.walker.models] == [20.0]
 
@@ -123,20 +131,20 @@ def test_a_load_that_keeps_changing_is_given_up():
     day = Day().meets(0.0, 3.0)
     for k in range(12):
         day.meets(10.0 * (k % 2 + 1), 1.0)
-    assert day.states[-1] is State.STANDING
+    assert day.states[-1] is Mode.STANDING
     assert "keeps changing" in day.last.reason
     assert not day.walker.models
 
 
 def test_a_walker_that_does_not_stop_is_given_up():
     day = Day(ScriptedWalker(stops=False)).meets(0.0, 3.0).meets(10.0, 7.0)
-    assert day.states[-2:] == [State.STOPPING, State.STANDING]
+    assert day.states[-2:] == [Mode.STOPPING, Mode.STANDING]
     assert "does not come to stand within 5 s" in day.last.reason
 
 
 def test_a_trunk_that_is_refused_is_not_half_taken():
     day = Day(ScriptedWalker(takes=False)).meets(0.0, 3.0).meets(10.0, 8.0)
-    assert day.states[-2:] == [State.CONVERGED, State.STANDING]
+    assert day.states[-2:] == [Mode.CONVERGED, Mode.STANDING]
     assert day.supervisor.trunk.mass == HYQ.inertias[HYQ.trunk].mass
 
 
@@ -144,7 +152,7 @@ def test_a_foot_that_finds_no_ground_stops_the_walk():
     day = Day().meets(0.0, 1.0)
     day.walker.fault = "foot LH finds no ground"
     day.meets(0.0, 0.1)
-    assert day.states == [State.WALKING, State.STANDING]
+    assert day.states == [Mode.WALKING, Mode.STANDING]
     assert "LH finds no ground" in day.last.reason
     assert not day.walker.walking
 
@@ -154,16 +162,12 @@ def test_a_load_too_heavy_for_three_legs_is_not_walked_with():
     day = Day()
     day.supervisor = StoppingSupervisor(replace(HYQ, limits=weak), day.walker)
     day.meets(0.0, 2.0).meets(10.0, 8.0)
-    assert day.states[-1] is State.STANDING
+    assert day.states[-1] is Mode.STANDING
     assert "too heavy" in day.last.reason
     assert not day.walker.models
 
 
-def test_settings_and_orders_that_make_no_sense():
-    with pytest.raises(StaderaError, match="period"):
-        StopSettings(period=0.0)
-    with pytest.raises(StaderaError, match="begins anew"):
-        StopSettings(restarts=-1)
+def test_a_weighing_does_not_begin_twice():
     day = Day().meets(0.0, 3.0).meets(10.0, 1.0)
     with pytest.raises(StaderaError, match="begins from walking or standing"):
         day.supervisor.weigh("again")

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 import pinocchio as pin
 
@@ -12,39 +10,32 @@ from stadera.robot.model import Robot
 from stadera.types import Array
 
 
-@dataclass(frozen=True)
-class ArmSettings:
-    """Settings of joints outside the legs."""
-
-    bandwidth: float = 25.0  # natural frequency of their tracking, damped critically [rad/s]
-    slowest: float = 0.25  # of the swinging [Hz]
-    fastest: float = 0.6  # [Hz]
-    # share of the robot's mass beyond a joint from which it is a torso's, which does not swing
-    torso: float = 0.2
-    ease: float = 1.0  # time in which the motion grows [s]
-
-
 class Arms:
     """Motion of the joints of a whole robot that belong to no leg: x(t) = e(t) A sin(2π f t), each with its own f.
 
     `first` is the first of them in the tree; `amplitude` A [rad] is zero for a torso's.
     """
 
-    def __init__(self, robot: Robot, amplitude: float = 0.0, settings: ArmSettings | None = None) -> None:
-        self.settings, tree = settings or ArmSettings(), robot.tree
+    bandwidth = 25.0  # natural frequency of their tracking, damped critically [rad/s]
+    slowest, fastest = 0.25, 0.6  # of the swinging [Hz]
+    torso = 0.2  # share of the robot's mass beyond a joint from which it is a torso's, which does not swing
+    ease = 1.0  # time in which the motion grows [s]
+
+    def __init__(self, robot: Robot, amplitude: float = 0.0) -> None:
+        tree = robot.tree
         self.first = sum(len(leg.joints) for leg in robot.legs)
         count = len(tree.joints) - self.first
         masses = [robot.inertias[link].mass for link in tree.links[1:]]
         carried = [sum(m for k, m in enumerate(masses) if self.first + j in tree.ancestors(k)) for j in range(count)]
-        swinging = np.array(carried) < self.settings.torso * robot.mass
+        swinging = np.array(carried) < self.torso * robot.mass
         self._amplitude = amplitude * swinging
         # the golden ratio spreads the frequencies evenly, and no two joints alike
         share = (np.arange(count) * 0.5 * (np.sqrt(5.0) - 1.0)) % 1.0
-        self._omega = 2.0 * np.pi * (self.settings.slowest + share * (self.settings.fastest - self.settings.slowest))
+        self._omega = 2.0 * np.pi * (self.slowest + share * (self.fastest - self.slowest))
 
     def at(self, time: float) -> tuple[Array, Array, Array]:
         """Positions, velocities and accelerations at a time [s], (k,) each."""
-        late, ease, w, amplitude = max(time, 0.0), self.settings.ease, self._omega, self._amplitude
+        late, ease, w, amplitude = max(time, 0.0), self.ease, self._omega, self._amplitude
         x = min(late / ease, 1.0)
         e = x**3 * (10.0 - 15.0 * x + 6.0 * x * x)
         e_1, e_2 = 30.0 * (x * (1.0 - x)) ** 2 / ease, 60.0 * x * (1.0 - x) * (1.0 - 2.0 * x) / ease**2
@@ -54,7 +45,7 @@ class Arms:
     def accelerations(self, time: float, position: Array, velocity: Array) -> Array:
         """Accelerations (k,) that return to the motion, from what is measured (k,)."""
         q, v, a = self.at(time)
-        w = self.settings.bandwidth
+        w = self.bandwidth
         return np.asarray(a + w * w * (q - position) + 2.0 * w * (v - velocity))
 
 

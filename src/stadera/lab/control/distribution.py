@@ -30,7 +30,6 @@ from scipy.linalg.lapack import dposv, dpotrf, dtrtrs
 from scipy.optimize import nnls
 
 from stadera.constants import ROUNDING
-from stadera.errors import ModelError, positive
 from stadera.inertia import skews
 from stadera.types import Array
 
@@ -43,12 +42,6 @@ class ContactLimits:
 
     friction: float = 0.6  # coefficient assumed by the controller
     least_normal: float = 0.0  # [N], of every foot in stance
-    most_normal: float = np.inf  # [N]
-
-    def __post_init__(self) -> None:
-        positive("the friction coefficient", self.friction, error=ModelError)
-        if not 0 <= self.least_normal < self.most_normal:
-            raise ModelError(f"normal forces need 0 ≤ least < most, got {self.least_normal} N and {self.most_normal} N")
 
 
 class ForceDistribution:
@@ -85,7 +78,7 @@ class ForceDistribution:
 
     def set_most(self, most: ArrayLike) -> None:
         """Sets the largest normal force of each foot, (feet,) [N]; zero for a foot in the air."""
-        cap: Array = np.clip(np.asarray(most, dtype=float), 0.0, self.limits.most_normal)
+        cap: Array = np.maximum(np.asarray(most, dtype=float), 0.0)
         carrying = np.repeat(np.where(cap > 0.0, 1.0, 0.0), 3)
         if (carrying != self._carrying).any():
             self._carrying = carrying
@@ -152,10 +145,6 @@ class LoadRamp:
     start: float  # [N]
     goal: float  # [N]
     remains: bool  # whether the limit persists after the end; else it is removed
-
-    def __post_init__(self) -> None:
-        if not (np.isfinite(self.duration) and self.duration > 0):
-            raise ModelError(f"loading or relieving a foot takes a positive time, got {self.duration} s")
 
     def at(self, time: float) -> float:
         """The limit [N]; infinite after the end, unless it remains."""

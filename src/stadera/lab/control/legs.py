@@ -61,7 +61,12 @@ class LegMotion:
 
 
 class LegDynamics:
-    """Evaluates `LegState`s of one robot. Reuses buffers, so an instance must not be shared between threads."""
+    """Evaluates `LegState`s of one robot, once for each measurement, which parts of a controller share. Reuses buffers,
+    so an instance must not be shared between threads.
+    """
+
+    _last: Measurement | None = None
+    _moved: LegMotion | None = None
 
     def __init__(self, robot: Robot) -> None:
         model = pinocchio_model(robot)
@@ -109,6 +114,20 @@ class LegDynamics:
             moment=self._mass * self._com - self._trunk_moment,
         )
 
+    def measured(self, m: Measurement) -> LegState:
+        """The state at this measurement; its `feet` always come from forward kinematics."""
+        if self._last is not m:
+            self._state = self.at(m.joint_position, m.joint_velocity, m.angular_velocity, m.force_at_origin)
+            self._last, self._moved = m, None
+        return self._state
+
+    def motion_at(self, m: Measurement) -> LegMotion:
+        """Motion of the legs at this measurement, evaluated on demand."""
+        self.measured(m)
+        if self._moved is None:
+            self._moved = self.motion()
+        return self._moved
+
     def motion(self) -> LegMotion:
         """Motion of the legs at the sample of the last call of `at`."""
         model, data = self._model, self._data
@@ -124,27 +143,6 @@ class LegDynamics:
             inertia=inertia[self._block],
             coupling=inertia[self._coupling],
         )
-
-
-class MeasuredLegs(LegDynamics):
-    """Caches the state of the legs for the latest measurement, so that parts of a controller share the computation."""
-
-    _last: Measurement | None = None
-    _moved: LegMotion | None = None
-
-    def measured(self, m: Measurement) -> LegState:
-        """The state at this measurement; its `feet` always come from forward kinematics."""
-        if self._last is not m:
-            self._state = self.at(m.joint_position, m.joint_velocity, m.angular_velocity, m.force_at_origin)
-            self._last, self._moved = m, None
-        return self._state
-
-    def motion_at(self, m: Measurement) -> LegMotion:
-        """Motion of the legs at this measurement, evaluated on demand."""
-        self.measured(m)
-        if self._moved is None:
-            self._moved = self.motion()
-        return self._moved
 
 
 def cross(a: Array, b: Array) -> Array:
@@ -187,11 +185,9 @@ class JointFriction:
         terms = np.array([[(d.viscous, d.coulomb, d.offset) for d in leg] for leg in dynamics])
         return cls(*np.moveaxis(terms, -1, 0))
 
-    def torque(self, velocity: Array, sliding: Array | None = None) -> Array:
-        """Torque of friction and offsets at joint velocities (..., 4, 3) [rad/s], (..., 4, 3) [N·m]. The velocities
-        `sliding` determine the direction of Coulomb friction; None for `velocity`.
-        """
+    def torque(self, velocity: Array) -> Array:
+        """Torque of friction and offsets at joint velocities (..., 4, 3) [rad/s], (..., 4, 3) [N·m]."""
         torque = self.viscous * velocity + self.offset
         if self.coulomb.any():
-            torque += self.coulomb * direction(velocity if sliding is None else sliding)
+            torque += self.coulomb * direction(velocity)
         return np.asarray(torque)

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from stadera.constants import GRAVITY, ROUNDING
+from stadera.lab.control.com_plan import PlanError, SupportPolygon
 from stadera.lab.control.legs import LegDynamics
+from stadera.lab.control.reference import ControlError
 from stadera.lab.control.stand import TestBed
-from stadera.lab.control.support import PlanError, SupportPolygon
-from stadera.lab.control.trunk import ControlError
 from stadera.lab.plant.plant import Plant, SimulationError
 from stadera.types import Array, Bools
 
@@ -73,7 +73,7 @@ class WalkMonitor(Falls):
         super().__init__(plant, limits)
         self.every = every
         self._legs = LegDynamics(plant.robot)
-        self._rows: list[tuple[float, float, float, Array, float, Bools]] = []
+        self._rows: list[tuple[float, float, Array, float, Bools]] = []
         self._effort = np.array([plant.robot.limits[joint].effort for joint in plant.robot.tree.joints])
         self._periods = 0
 
@@ -88,24 +88,19 @@ class WalkMonitor(Falls):
         return np.array([row[1] for row in self._rows])
 
     @property
-    def tilts(self) -> Array:
-        """Tilts from the ground's normal [rad]."""
-        return np.array([row[2] for row in self._rows])
-
-    @property
     def positions(self) -> Array:
         """Positions of the trunk's origin, world [m]."""
-        return np.array([row[3] for row in self._rows]).reshape(-1, 3)
+        return np.array([row[2] for row in self._rows]).reshape(-1, 3)
 
     @property
     def heights(self) -> Array:
         """Heights of the trunk's origin above the ground [m]."""
-        return np.array([row[4] for row in self._rows])
+        return np.array([row[3] for row in self._rows])
 
     @property
     def limited(self) -> Bools:
         """Joints at their torque limit, (k, n) bool."""
-        return np.array([row[5] for row in self._rows], dtype=bool).reshape(-1, len(self._effort))
+        return np.array([row[4] for row in self._rows], dtype=bool).reshape(-1, len(self._effort))
 
     def look(self) -> None:
         """Evaluates the plant, if it is due."""
@@ -113,7 +108,7 @@ class WalkMonitor(Falls):
         if self._periods % self.every:
             return
         state = self.plant.state
-        self._rows.append((state.time, self.margin(), self.tilt(), state.position, self.height(), self.at_limit()))
+        self._rows.append((state.time, self.margin(), state.position, self.height(), self.at_limit()))
         super().look()
 
     def at_limit(self) -> Bools:

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from stadera.constants import GRAVITY
-from stadera.errors import StaderaError, require_positive
+from stadera.errors import StaderaError
 from stadera.excite.sinusoids import Sinusoids
 from stadera.excite.trunk.planted import AXES, Planted
 from stadera.lab.control.stand import Gait
@@ -18,24 +16,6 @@ from stadera.trunk.measurement import Measurement
 from stadera.types import Array
 
 
-@dataclass(frozen=True)
-class PdGains:
-    """Gains, by the joint's effort limit.
-
-    Attributes:
-        full: error at which the stiffness alone asks for the whole limit [rad]: 0.25 is 180 N·m/rad on a Go2's calf.
-        damping: share of the stiffness [s].
-        unlimited: effort taken for joints without a limit, share of the robot's weight times the legs' length [1].
-    """
-
-    full: float = 0.25
-    damping: float = 0.03
-    unlimited: float = 1.0
-
-    def __post_init__(self) -> None:
-        require_positive("gain", self, tuple(vars(self)))
-
-
 class Played(Gait):
     """Holds the stance, and plays a motion when told to. Joints that the motion lacks hold the stance.
 
@@ -43,11 +23,16 @@ class Played(Gait):
     stance; a load makes the robot sag a little.
     """
 
-    def __init__(self, controller: TrunkController, gains: PdGains | None = None) -> None:
+    full = 0.25  # error at which the stiffness alone asks for the whole limit [rad]: 180 N·m/rad on a Go2's calf
+    damping = 0.03  # share of the stiffness [s]
+    # effort taken for joints without a limit, as a share of the robot's weight times the legs' length
+    unlimited = 1.0
+
+    def __init__(self, controller: TrunkController) -> None:
         super().__init__(controller)
-        robot, self._gains = controller.robot, gains or PdGains()
+        robot = controller.robot
         limit = np.array([robot.limits[joint].effort for joint in robot.tree.joints])
-        largest = self._gains.unlimited * robot.mass * GRAVITY * robot.leg_length
+        largest = self.unlimited * robot.mass * GRAVITY * robot.leg_length
         self._limit = np.where(np.isfinite(limit), limit, largest)
         self._rest, self._time, self._begin = standing_configuration(robot), 0.0, np.inf
         none = np.zeros((1, 6, 1))
@@ -80,7 +65,7 @@ class Played(Gait):
     def update(self, measurement: Measurement) -> Array:
         self._time = measurement.time
         q, speed = self._wanted()
-        stiffness = self._limit / self._gains.full
+        stiffness = self._limit / self.full
         error = stiffness * (q - measurement.joint_position)
-        error += self._gains.damping * stiffness * (speed - measurement.joint_velocity)
+        error += self.damping * stiffness * (speed - measurement.joint_velocity)
         return np.asarray(np.clip(self._held + error, -self._limit, self._limit))

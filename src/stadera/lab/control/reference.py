@@ -12,15 +12,21 @@ with A the amplitude and e the smooth step from 0 to 1 within the first second.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from math import isnan
 from typing import Protocol
 
 import numpy as np
 import pinocchio as pin
 
-from stadera.errors import ModelError, positive
+from stadera.errors import ModelError, StaderaError
 from stadera.robot.model import Robot
 from stadera.robot.stance import nominal_feet
 from stadera.types import Array
+
+
+class ControlError(StaderaError):
+    """The controller cannot do what was requested, or received unusable measurements."""
+
 
 _NOT_MOVING = [0.0, 0.0, 0.0]
 
@@ -67,7 +73,6 @@ class Move:
     duration: float  # [s], positive
 
     def __post_init__(self) -> None:
-        positive("a move's duration", self.duration, "s", ModelError)
         turn = pin.log3(self.start.rotation.T @ self.goal.rotation)
         # rows: zero, way; rates at both ends, over the move's duration
         way = np.stack([self.goal.position - self.start.position, turn])
@@ -102,6 +107,33 @@ class Move:
         return TrunkPose(
             goal.position + late * goal.velocity, goal.rotation @ turn, goal.velocity, goal.angular_velocity
         )
+
+
+class Follower:
+    """What follows a reference of the trunk: `time` [s] of the last update, NaN before the first."""
+
+    time = np.nan
+    _reference: TrunkReference
+
+    @property
+    def reference(self) -> TrunkPose:
+        """Reference of the trunk: the goal of a `move`, even while it is in progress; else the present reference."""
+        self._require_update("the reference is where the trunk is then")
+        return self._reference.goal if isinstance(self._reference, Move) else self._reference.at(self.time)
+
+    def move(self, goal: TrunkPose, duration: float) -> None:
+        """Moves the reference to a pose within a duration [s], from its present pose and velocity."""
+        self._require_update("it says where the trunk is")
+        self._reference = Move(self._reference.at(self.time), goal, self.time, duration)
+
+    def follow(self, reference: TrunkReference) -> None:
+        """Follows a reference from now on."""
+        self._require_update("a reference is in the odometry frame, which begins with it")
+        self._reference = reference
+
+    def _require_update(self, why: str) -> None:
+        if isnan(self.time):
+            raise ControlError(f"the controller needs a first update: {why}")
 
 
 def turning_map(turn: Array) -> Array:

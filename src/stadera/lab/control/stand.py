@@ -10,8 +10,8 @@ import numpy as np
 from stadera.lab.control.arms import ArmTorques
 from stadera.lab.control.trunk import TrunkController
 from stadera.lab.control.whole_body import WholeBody
-from stadera.lab.plant.plant import Plant, SimulationError
-from stadera.lab.sensors import Sensors, measurement_of
+from stadera.lab.plant.plant import Plant
+from stadera.lab.plant.sensors import Sensors, measurement_of
 from stadera.robot.imu import ImuMount
 from stadera.robot.model import Robot
 from stadera.trunk.measurement import Measurement
@@ -71,10 +71,6 @@ class TestBed:
         hold: int = 1,
         arms: ArmTorques | None = None,
     ) -> None:
-        if every < 1:
-            raise SimulationError(f"an estimator is fed every so many periods, at least one; got {every}")
-        if hold < 1:
-            raise SimulationError(f"torques are held for so many periods, at least one; got {hold}")
         self.plant, self.sensors, self.controller = plant, sensors, controller
         self.estimator, self.feed_back, self._arms = estimator, feed_back, arms
         self._every, self._hold, self._periods = every, hold, 0

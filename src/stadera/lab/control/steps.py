@@ -8,14 +8,13 @@ so it is placed at its nominal position in the middle of that time.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 
 from stadera.constants import GRAVITY
-from stadera.errors import StaderaError, UnknownNameError, positive
-from stadera.lab.control.com_plan import SupportPhase, plan_com
-from stadera.lab.control.support import SupportPolygon
+from stadera.errors import StaderaError
+from stadera.lab.control.com_plan import SupportPhase, SupportPolygon, plan_com
 from stadera.robot.model import LEG_NAMES, Robot
 from stadera.robot.stance import nominal_feet
 from stadera.types import Array
@@ -31,10 +30,6 @@ class CrawlCommand:
 
     speed: float = 0.1  # [m/s], ahead, negative for backwards; along the ground's horizontal projection
     turn: float = 0.0  # [rad/s], to the left
-
-    def __post_init__(self) -> None:
-        if not np.isfinite([self.speed, self.turn]).all():
-            raise CrawlError(f"a crawl's speed and turn must be finite, got {self.speed} m/s and {self.turn} rad/s")
 
 
 @dataclass(frozen=True)
@@ -93,15 +88,6 @@ class CrawlSettings:
     looks: int = 8  # number of evaluations of a plan while a leg is off the ground
     stretched: float = 0.35  # share of |det J| in the nominal stance below which a leg counts as extended
     overload: float = 0.5  # time at its torque limit after which a joint is overloaded [s]
-
-    def __post_init__(self) -> None:
-        for name in (size.name for size in fields(self) if size.name not in ("sequence", "delays")):
-            positive(f"a crawl's {name}", getattr(self, name), error=CrawlError)
-        for name in self.sequence:
-            if name not in LEG_NAMES:
-                raise UnknownNameError("leg", name, LEG_NAMES)
-        if sorted(self.sequence) != sorted(LEG_NAMES):
-            raise CrawlError(f"a crawl's sequence has each leg once, got {', '.join(self.sequence)}")
 
     @classmethod
     def of(cls, robot: Robot) -> CrawlSettings:

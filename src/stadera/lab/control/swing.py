@@ -30,7 +30,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stadera.constants import GRAVITY
-from stadera.errors import ModelError, positive
 from stadera.lab.control.legs import JointFriction, LegMotion, LegState, foot_jacobians
 from stadera.robot.model import Robot
 from stadera.robot.stance import standing_configuration
@@ -65,14 +64,7 @@ class SwingTrajectory:
     ease: float = 0.05  # [s], in which it reaches that speed
 
     def __post_init__(self) -> None:
-        positive("a swing's duration", self.duration, "s", ModelError)
-        if not (isfinite(self.clearance + self.descent) and min(self.clearance, self.descent) >= 0):
-            raise ModelError(
-                f"a swing's clearance and descent must not be negative, got {self.clearance} m, {self.descent} m/s"
-            )
         way = self.target - self.start
-        if not isfinite(way.dot(way)):
-            raise ModelError(f"a swing's ends must be finite, got {self.start} and {self.target}")
         height = 64.0 * (self.clearance + 0.5 * abs(float(way.dot(self.normal))))
         object.__setattr__(self, "_basis", np.array([way, height * self.normal]))
 

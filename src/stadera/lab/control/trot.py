@@ -23,7 +23,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from stadera.constants import GRAVITY
-from stadera.errors import ModelError, positive
 from stadera.lab.control.reference import TrunkPose
 from stadera.lab.control.stand import Gait
 from stadera.lab.control.swing import SwingTrajectory
@@ -57,10 +56,6 @@ class TrotSettings:
     trusted: float = 0.5  # share of the swing's time after which touch-down is accepted
     slow: float = 0.08  # speed below which four feet can stop the trunk, as a share of √(g h)
     drift_steps: float = 18.0  # time constant of the integral of the velocity error, in steps
-
-    def __post_init__(self) -> None:
-        for name, value in vars(self).items():
-            positive(f"a trot's {name}", value, error=ModelError)
 
     @property
     def step(self) -> float:
@@ -112,10 +107,8 @@ class Trot(Gait):
 
     def walk(self, velocity: ArrayLike, turn: float = 0.0) -> None:
         """Starts trotting ahead and to the left, (2,) [m/s], turning to the left [rad/s]; with zeros, on the spot."""
-        wanted = np.array(velocity, dtype=float)
-        if wanted.shape != (2,) or not np.isfinite([*wanted, turn]).all():
-            raise ModelError(f"a trot's velocity needs two finite numbers and a finite turn, got {velocity!r}, {turn}")
-        self._asked, self._asked_turn, self._wanted = (float(wanted[0]), float(wanted[1])), float(turn), True
+        ahead, left = np.asarray(velocity, dtype=float).tolist()
+        self._asked, self._asked_turn, self._wanted = (ahead, left), float(turn), True
 
     def stop(self) -> None:
         """Slows down, and then stands on four feet."""

@@ -1,6 +1,6 @@
 """The trunk controller of the paper ([13], section III.B): virtual springs, gravity compensation, contact forces.
 
-All quantities are in the odometry frame (world axes, `stadera.lab.control.odometry`). With c the modelled centre of
+All quantities are in the odometry frame (world axes, `LegOdometry`). With c the modelled centre of
 mass of the whole robot in trunk axes, m its modelled mass, b, R the trunk's pose and b_d, R_d the reference, the
 demanded wrench is
 
@@ -8,28 +8,44 @@ demanded wrench is
     Γ = R [K_a log(Rᵀ R_d) + D_a (angular velocity error)]           about the modelled centre of mass
 
 so the spring acts on the modelled centre of mass, and a change of the model does not cause motion. F and Γ are
-distributed over the feet (`stadera.lab.control.distribution`), and the legs' torques are τ = h - J_cᵀ f. With a wrong
-model the springs give way until they balance the true weight (eq. 12): see `stadera.lab.laws.orientation`.
+distributed over the feet (`stadera.lab.control.distribution`), and the legs' torques are τ = h - J_cᵀ f. With a
+wrong model the springs give way until they balance the true weight (eq. 12): see `stadera.lab.laws.orientation`.
 
 A gait relieves a leg of its load, lets it swing along a trajectory, and lands it at touch-down. Swinging legs follow
 inverse dynamics (`stadera.lab.control.swing`), and F, Γ include the reaction of their acceleration.
+
+Leg odometry: position and velocity of the trunk from the legs in stance.
+
+The base's position is not measured. Feet in stance do not move, so with R from the IMU and p_i from the legs::
+
+    b = mean over stance of (anchor_i - R p_i)
+    velocity of a point c of the trunk = -R mean over stance of (J_i q̇_i + ω x (r_i - c))
+
+in the odometry frame: the world's axes, with the trunk's origin at the first update as origin. p_i is a foot's
+centre, and a foot is anchored at its position when it enters stance; r_i is the contact point and J_i its Jacobian,
+since that point is at rest while a foot rolls. A foot of radius ρ that rotates by θ on ground with normal n rolls:
+its centre moves by θ x ρ n, and its anchor with it. Feet that do not slip keep their distances: the residual
+anchor_i - R p_i - b identifies one that does.
+
+The legs' velocity is unreliable at touch-down, and unavailable in the air. With the specific force a of the IMU, the
+velocity is that of a complementary filter with time constant T::
+
+    v̇ = R a + g + (v_legs - v) / T
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import atan2, isfinite, sqrt
-from typing import Literal
+from math import atan2, isfinite, isnan, sqrt
+from typing import ClassVar
 
 import numpy as np
 
 from stadera.constants import GRAVITY, NOTHING
-from stadera.errors import ModelError, StaderaError, UnknownNameError, positive
 from stadera.inertia import InertialParameters, skew
 from stadera.lab.control.distribution import ContactLimits, ForceDistribution, LoadRamp
-from stadera.lab.control.legs import LegState, MeasuredLegs, cross
-from stadera.lab.control.odometry import LegOdometry
-from stadera.lab.control.reference import Move, TrunkPose, TrunkReference
+from stadera.lab.control.legs import LegDynamics, LegState, cross
+from stadera.lab.control.reference import ControlError, Follower, Move, TrunkPose
 from stadera.lab.control.swing import SwingLegs, SwingTrajectory
 from stadera.robot.kinematics import forward_kinematics
 from stadera.robot.model import Robot
@@ -39,17 +55,95 @@ from stadera.trunk.measurement import Measurement
 from stadera.trunk.model import TrunkBounds, TrunkModel
 from stadera.types import Array, Bools
 
+_NOBODY = np.zeros(4, dtype=bool)
+
+
+class LegOdometry:
+    """Position and velocity of the trunk from the feet in stance.
+
+    `velocity_time` is T [s], 0 for the legs alone; a foot that deviates from the others by more than `slip` [m] has
+    slipped.
+
+    Attributes:
+        position: (3,) [m], of the trunk's origin in the odometry frame.
+        anchors: (4, 3) [m], positions of the feet in stance, and last positions of those in the air.
+        anchored, slipped: (4,) bool, feet that have been in stance, and feet that slipped at the last update.
+    """
+
+    def __init__(self, velocity_time: float = 0.0, slip: float = 0.02) -> None:
+        self._velocity_time, self._velocity, self._slip2 = velocity_time, np.zeros(3), slip**2
+        self.position = np.zeros(3)
+        self.anchors = np.zeros((4, 3))
+        self.anchored = np.zeros(4, dtype=bool)
+        self.slipped = _NOBODY
+        self._stance = _NOBODY
+        self._given = _NOBODY
+        self._weights, self._standing, self._rolls = np.zeros(4), False, np.zeros((4, 3))
+
+    def locate(self, levers: Array, stance: Bools, rolled: Array | None = None) -> None:
+        """Updates the position; without a foot in stance it does not change.
+
+        Levers R p_i (4, 3) [m] are the feet from the trunk's origin, `rolled` (4, 3) [m] is θ x ρ n since the last
+        call, None for feet that do not roll, both in world axes. `stance` (4,) must not be modified in place between
+        calls.
+        """
+        if rolled is not None and self._standing:
+            self.anchors += rolled * self._rolls
+        if stance is not self._given:
+            self._change_stance(levers, stance)
+        left = self.anchors - levers
+        if self._standing:
+            self.position = self._weights.dot(left)
+        left -= self.position
+        everywhere = left.ravel()
+        self.slipped = _NOBODY
+        if everywhere.dot(everywhere) > self._slip2:
+            self.slipped = self._stance & ((left * left).sum(axis=1) > self._slip2)
+            self.anchors[self.slipped] -= left[self.slipped]
+
+    def velocity(self, arms: Array, joint_part: Array, angular_velocity: Array) -> Array:
+        """Velocity (3,) [m/s] of a point of the trunk by the feet in stance at the last `locate`, from arms r_i - c (4,
+        3) [m], J_i q̇_i (4, 3) [m/s] and angular velocity [rad/s], all in TRUNK axes.
+        """
+        x, y, z = self._weights.dot(arms).tolist()
+        u, v, w = self._weights.dot(joint_part).tolist()
+        wx, wy, wz = angular_velocity.tolist()
+        return np.array([wz * y - wy * z - u, wx * z - wz * x - v, wy * x - wx * y - w])
+
+    def fused(self, by_legs: Array, acceleration: Array, dt: float) -> Array:
+        """Velocity (3,) [m/s] of the trunk's origin by legs (ignored if no foot is in stance) and IMU, world axes, from
+        the acceleration R a + g (3,) [m/s²] and the time since the last call [s].
+        """
+        if self._velocity_time == 0.0:
+            return by_legs
+        ahead = self._velocity + dt * acceleration
+        if self._standing:
+            ahead += dt / (self._velocity_time + dt) * (by_legs - ahead)
+        self._velocity = ahead
+        return ahead
+
+    def _change_stance(self, levers: Array, stance: Bools) -> None:
+        new = stance & ~self._stance
+        self.anchors[new] = self.position + levers[new]
+        self._given, self._stance = stance, stance.copy()
+        self._rolls = np.repeat(stance, 3).reshape(4, 3).astype(float)
+        self.anchored = self.anchored | stance
+        self._standing = bool(stance.any())
+        self._weights = stance / max(int(stance.sum()), 1)
+
+
 _UP = np.array([0.0, 0.0, 1.0])
 _GRAVITY = GRAVITY * _UP
-
-
-class ControlError(StaderaError):
-    """The controller cannot do what was requested, or received unusable measurements."""
 
 
 @dataclass(frozen=True, eq=False)
 class TrunkGains:
     """Springs and dampers of the trunk controller."""
+
+    # natural frequencies ω of the centre of mass, and of roll, pitch and yaw [rad/s], and damping ratio ζ
+    linear: ClassVar[float] = 12.0
+    angular: ClassVar[float] = 16.0
+    ratio: ClassVar[float] = 0.8
 
     stiffness: float  # [N/m]
     damping: float  # [N·s/m], on the centre of mass, equal in all directions
@@ -59,13 +153,9 @@ class TrunkGains:
     angular_damping: Array
 
     @classmethod
-    def of(cls, robot: Robot, linear: float = 12.0, angular: float = 16.0, damping: float = 0.8) -> TrunkGains:
-        """K = m ω², D = 2 ζ ω m, and the same with the moments of inertia, of the whole robot in its nominal stance;
-        natural frequencies ω of the centre of mass (linear), and of roll, pitch and yaw (angular) [rad/s], and damping
-        ratio ζ.
-        """
-        for value in (linear, angular, damping):
-            positive("frequencies and damping of the trunk", value, error=ModelError)
+    def of(cls, robot: Robot) -> TrunkGains:
+        """K = m ω², D = 2 ζ ω m, and the same with the moments of inertia, of the whole robot in its nominal stance."""
+        linear, angular, damping = cls.linear, cls.angular, cls.ratio
         whole = composite(robot, standing_configuration(robot))
         moments = np.diag(whole.inertia_com)
         return cls(
@@ -100,7 +190,6 @@ class SmoothTrunk:
     """
 
     def __init__(self, start: TrunkModel, bounds: TrunkBounds, time_constant: float = 0.05) -> None:
-        positive("the trunk model's time constant", time_constant, "s", ModelError)
         bounds.check(start)
         self.bounds, self.time_constant = bounds, time_constant
         self.rejected = ""
@@ -132,14 +221,13 @@ class SmoothTrunk:
         self._settled = abs(self.target_mass - self.mass) + float(np.abs(left).max()) < NOTHING
 
 
-class TrunkController:
+class TrunkController(Follower):
     """Holds the trunk on its legs. Uses measurements only; one `update` per control period.
 
     Args:
         trunk: initial model; None for the robot's own.
-        trunk_time: time constant [s] with which a new model of the trunk is adopted.
-        jacobian: for the torques, at the "feet" as measured or by the "encoders"; the two differ only if the
-            measurement contains foot positions.
+        by_encoders: whether the torques use the Jacobian at the feet by the encoders; else at those measured, which
+            differ only if the measurement contains foot positions.
         velocity_time: time constant [s] with which the trunk's velocity from the IMU follows that from the legs; 0 for
             the legs alone.
         moment_length: L [m], which weights errors of moments relative to those of forces if the feet cannot produce
@@ -165,22 +253,19 @@ class TrunkController:
         robot: Robot,
         *,
         trunk: TrunkModel | None = None,
-        trunk_time: float = 0.05,
-        jacobian: Literal["feet", "encoders"] = "feet",
+        by_encoders: bool = False,
         velocity_time: float = 0.0,
         moment_length: float | None = None,
     ) -> None:
-        if jacobian not in ("feet", "encoders"):
-            raise UnknownNameError("Jacobian of the contacts", jacobian, ("feet", "encoders"))
-        self._by_encoders = jacobian == "encoders"
-        self.robot, self.legs = robot, MeasuredLegs(robot)
+        self._by_encoders = by_encoders
+        self.robot, self.legs = robot, LegDynamics(robot)
         self.gains = TrunkGains.of(robot)
-        self.trunk = SmoothTrunk(trunk or TrunkModel.prior(robot), TrunkBounds.of(robot), trunk_time)
+        self.trunk = SmoothTrunk(trunk or TrunkModel.prior(robot), TrunkBounds.of(robot))
         self.odometry = LegOdometry(velocity_time)
         self.stance: Bools = np.ones(4, dtype=bool)
         self.forces = np.zeros((4, 3))
         self.saturated = np.zeros(len(robot.tree.joints), dtype=bool)
-        self.time, self.rotation, self.velocity = np.nan, np.eye(3), np.zeros(3)
+        self.rotation, self.velocity = np.eye(3), np.zeros(3)
         self.com, self.feet, self.normal = np.zeros(3), np.zeros((4, 3)), _UP
         self.swinging = SwingLegs(robot, self.legs.columns)
         feet = nominal_feet(robot)
@@ -194,10 +279,10 @@ class TrunkController:
         self._sharing, self._most = ForceDistribution(limits, length), np.full(4, np.inf)
         self._ramps: list[LoadRamp | None] = [None] * 4  # limits of the feet's loads; None for none
         here = TrunkPose(np.zeros(3), np.eye(3))
-        self._reference: TrunkReference = Move(here, here, 0.0, 1.0)
+        self._reference = Move(here, here, 0.0, 1.0)
         self._below, self._ground_stance = np.zeros((4, 3)), np.zeros(4, dtype=bool)
         self._across = skew(_UP)
-        self._position, self._started = np.zeros(len(robot.tree.joints)), False
+        self._position = np.zeros(len(robot.tree.joints))
 
     # -- asked for ------------------------------------------------------------------------------------------------
     def update_trunk(self, trunk: TrunkModel) -> bool:
@@ -205,25 +290,9 @@ class TrunkController:
         return self.trunk.accept(trunk)
 
     @property
-    def reference(self) -> TrunkPose:
-        """Reference of the trunk: the goal of a `move`, even while it is in progress; else the present reference."""
-        self._require_update("the reference is where the trunk is then")
-        return self._reference.goal if isinstance(self._reference, Move) else self._reference.at(self.time)
-
-    @property
     def position(self) -> Array:
         """(3,) [m], of the trunk's origin at the last update, odometry frame."""
         return self.odometry.position
-
-    def move(self, goal: TrunkPose, duration: float) -> None:
-        """Moves the reference to a pose within a duration [s], from its present pose and velocity."""
-        self._require_update("it says where the trunk is")
-        self._reference = Move(self._reference.at(self.time), goal, self.time, duration)
-
-    def follow(self, reference: TrunkReference) -> None:
-        """Follows a reference from now on."""
-        self._require_update("a reference is in the odometry frame, which begins with it")
-        self._reference = reference
 
     def relieve(self, leg: int, duration: float) -> None:
         """Unloads a leg within a duration [s]; it then stays in stance without load."""
@@ -289,10 +358,6 @@ class TrunkController:
         against = np.vecmat(self.forces.dot(rotation), jacobians)
         return self._within_limits((torque - against).ravel()[self._tree_order] + self._offset)
 
-    def _require_update(self, why: str) -> None:
-        if not self._started:
-            raise ControlError(f"the controller needs a first update: {why}")
-
     def _within_limits(self, torque: Array) -> Array:
         if not isfinite(torque.dot(torque)):
             raise ControlError(f"no torques at {self.time:.6f} s: a value measured is not finite, or a leg is singular")
@@ -302,16 +367,17 @@ class TrunkController:
     def _advance(self, m: Measurement, levers: Array, rotation: Array, state: LegState) -> float:
         """Updates time, model, pose and ground, from R p_i (4, 3) [m]; returns the time since the last update [s]."""
         time, dt = m.time, m.time - self.time
-        if self._started and not dt > 0:
+        started = not isnan(self.time)
+        if started and not dt > 0:
             raise ControlError(f"the controller's time must increase, got {time} s after {self.time} s")
-        rolled = self._rolled(m.joint_position, rotation, state) if self._started else None
+        rolled = self._rolled(m.joint_position, rotation, state) if started else None
         self.odometry.locate(levers, self.stance, rolled)
         self.feet = levers + self.odometry.position
-        if self._started:
+        if started:
             self.trunk.advance(dt)
         else:
             here = TrunkPose(self.odometry.position, rotation)
-            self._reference, self._started, dt = Move(here, here, time - 1.0, 1.0), True, 0.0
+            self._reference, dt = Move(here, here, time - 1.0, 1.0), 0.0
         self.time, self.rotation, self._position = time, rotation, m.joint_position
         if self.stance is not self._ground_stance:
             self.normal = ground_normal(self.odometry.anchors, self.odometry.anchored, _UP)

@@ -25,8 +25,8 @@ import pinocchio as pin
 from stadera.constants import GRAVITY
 from stadera.lab.control.arms import Arms
 from stadera.lab.control.distribution import ContactLimits, ForceDistribution
-from stadera.lab.control.reference import Move, TrunkPose, TrunkReference
-from stadera.lab.control.trunk import ControlError, TrunkGains
+from stadera.lab.control.reference import ControlError, Follower, Move, TrunkPose
+from stadera.lab.control.trunk import TrunkGains
 from stadera.lab.pinocchio import pinocchio_model
 from stadera.robot.model import Robot
 from stadera.robot.sole import sole
@@ -38,30 +38,20 @@ _LEVEL = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 _UP = np.array([0.0, 0.0, 1.0])
 
 
-class WholeBody:
+class WholeBody(Follower):
     """Stands on all feet and follows a reference of the trunk, with the interface of `TrunkController`.
 
     Args:
         robot: with all joints in its tree, as the controller knows it.
         arms: motion of the joints outside the legs.
-        linear, angular: natural frequencies of the trunk's position and orientation [rad/s], damped by `damping`.
-        centred: time [s] in which the centre of mass moves over the middle of the soles at the beginning.
     """
 
-    def __init__(
-        self,
-        robot: Robot,
-        arms: Arms,
-        *,
-        linear: float = 12.0,
-        angular: float = 16.0,
-        damping: float = 0.8,
-        centred: float = 1.0,
-    ) -> None:
+    centred = 1.0  # time in which the centre of mass moves over the middle of the soles at the beginning [s]
+
+    def __init__(self, robot: Robot, arms: Arms) -> None:
         self.robot, self.arms, self.gains = robot, arms, TrunkGains.of(robot)
-        self._stiffness = np.square([linear, angular])
-        self._damping = 2.0 * damping * np.array([linear, angular])
-        self._centred = centred
+        frequencies = np.array([self.gains.linear, self.gains.angular])
+        self._stiffness, self._damping = np.square(frequencies), 2.0 * self.gains.ratio * frequencies
         self._model, self._soles = pinocchio_model(robot), [sole(robot, leg) for leg in robot.legs]
         self._legs = []
         for k, leg in enumerate(robot.legs):
@@ -78,26 +68,13 @@ class WholeBody:
         self._sharing = ForceDistribution(limits, 0.5 * robot.leg_length, feet=count)
         self._effort = np.array([robot.limits[joint].effort for joint in robot.tree.joints])
         self.stance: Bools = np.ones(len(robot.legs), dtype=bool)
-        self.time, self.position, self._anchors = np.nan, np.zeros(3), np.zeros((len(robot.legs), 3))
+        self.position, self._anchors = np.zeros(3), np.zeros((len(robot.legs), 3))
         here = TrunkPose(np.zeros(3), np.eye(3))
-        self._reference: TrunkReference = Move(here, here, 0.0, 1.0)
+        self._reference = Move(here, here, 0.0, 1.0)
 
     def update_trunk(self, trunk: TrunkModel) -> bool:
         """False: it keeps the model file's trunk."""
         return False
-
-    @property
-    def reference(self) -> TrunkPose:
-        """Reference of the trunk: the goal of a `move`, even while it is in progress; else the present reference."""
-        return self._reference.goal if isinstance(self._reference, Move) else self._reference.at(self.time)
-
-    def move(self, goal: TrunkPose, duration: float) -> None:
-        """Moves the reference to a pose within a duration [s], from its present pose and velocity."""
-        self._reference = Move(self._reference.at(self.time), goal, self.time, duration)
-
-    def follow(self, reference: TrunkReference) -> None:
-        """Follows a reference from now on."""
-        self._reference = reference
 
     def update(self, measurement: Measurement) -> Array:
         """Joint torques (n,) [N·m] for one measurement; the first update uses the trunk's pose as reference."""
@@ -150,7 +127,7 @@ class WholeBody:
         middle = np.mean([foot + np.mean(p, axis=0) for foot, (p, _) in zip(feet, self._soles, strict=True)], axis=0)
         here = TrunkPose(np.zeros(3), R)
         self._reference = Move(
-            here, here.moved(np.array([*(middle - com)[:2], 0.0]), np.zeros(3)), self.time, self._centred
+            here, here.moved(np.array([*(middle - com)[:2], 0.0]), np.zeros(3)), self.time, self.centred
         )
 
     def _demand(self, m: Measurement, R: Array, velocity: Array, a: Array) -> None:

@@ -1,8 +1,30 @@
-"""Reproductions of the paper's tables and figures: listed in the registry."""
+"""Reproductions of the paper's tables and figures, and studies: each a file, its text in the TOML, a line here."""
 
-from stadera.lab.experiments.registry import ALL, EXPERIMENTS, experiments_named, run_experiments
-from stadera.lab.experiments.result import ExperimentResult, Record, Skipped
-from stadera.lab.experiments.runner import Experiment, ReproduceSettings
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from types import MappingProxyType
+
+from stadera.errors import MissingExtraError, StaderaError, UnknownNameError
+from stadera.lab.experiments import (
+    alarms,
+    faults,
+    fig6,
+    humanoids,
+    identified,
+    inertial_share,
+    legs,
+    mini_cheetah,
+    reality,
+    table1,
+    table2,
+    table3,
+    table4,
+    table5,
+)
+from stadera.lab.experiments.legs import MissingDataError
+from stadera.lab.experiments.runner import Experiment, ExperimentResult, Record, ReproduceSettings, Skipped
+from stadera.types import Progress
 
 __all__ = [
     "ALL",
@@ -15,3 +37,49 @@ __all__ = [
     "experiments_named",
     "run_experiments",
 ]
+
+ALL = "all"
+
+_EXPERIMENTS = (
+    table1.EXPERIMENT,
+    legs.FIG4,
+    legs.FIG5,
+    table2.EXPERIMENT,
+    fig6.EXPERIMENT,
+    table3.EXPERIMENT,
+    table4.EXPERIMENT,
+    inertial_share.EXPERIMENT,
+    table5.EXPERIMENT,
+    alarms.EXPERIMENT,
+    reality.EXPERIMENT,
+    faults.EXPERIMENT,
+    humanoids.EXPERIMENT,
+    identified.EXPERIMENT,
+    mini_cheetah.EXPERIMENT,
+)
+EXPERIMENTS: Mapping[str, Experiment] = MappingProxyType({e.name: e for e in _EXPERIMENTS})
+
+
+def experiments_named(name: str) -> tuple[Experiment, ...]:
+    """The experiment with that name; for `all`, every one except the studies of hundreds of runs."""
+    if name.lower() == ALL:
+        return tuple(experiment for experiment in _EXPERIMENTS if not experiment.study)
+    if name.lower() not in EXPERIMENTS:
+        raise UnknownNameError("experiment", name, (*EXPERIMENTS, ALL))
+    return (EXPERIMENTS[name.lower()],)
+
+
+def run_experiments(
+    experiments: Sequence[Experiment], settings: ReproduceSettings, progress: Progress
+) -> Iterator[ExperimentResult | Skipped]:
+    """Runs experiments in turn. If there are several, one whose logs or robot models are not available is skipped."""
+    if settings.seeds is not None and not all(experiment.seeded for experiment in experiments):
+        seeded = ", ".join(name for name, experiment in EXPERIMENTS.items() if experiment.seeded)
+        raise StaderaError(f"a number of seeds can be set for these experiments only: {seeded}")
+    for experiment in experiments:
+        try:
+            yield experiment.run(settings, progress)
+        except (MissingDataError, MissingExtraError) as error:
+            if len(experiments) == 1:
+                raise
+            yield Skipped(experiment.name, str(error))

@@ -17,14 +17,21 @@ from typing import Any
 import numpy as np
 
 from stadera.errors import StaderaError
-from stadera.lab.control.support import PlanError
-from stadera.lab.control.trunk import ControlError
+from stadera.lab.control.com_plan import PlanError
+from stadera.lab.control.reference import ControlError
 from stadera.lab.experiments.fault_kinds import FORCES, SIGNAL_FAULTS
-from stadera.lab.experiments.result import CaseValues, ExperimentResult, Record
-from stadera.lab.experiments.runner import Outcome, Paper, ReproduceSettings, grouped
+from stadera.lab.experiments.runner import (
+    CaseValues,
+    ExperimentResult,
+    Outcome,
+    Paper,
+    Record,
+    ReproduceSettings,
+    grouped,
+)
 from stadera.lab.plant import SimulationError
+from stadera.lab.scenarios.catalog import Load, SimulateSettings
 from stadera.lab.scenarios.run import simulate, stored
-from stadera.lab.scenarios.settings import Load, SimulateSettings
 from stadera.lab.truth import Truth
 from stadera.logs import Recording
 from stadera.report.table import Cell, Row, TableData
@@ -81,8 +88,7 @@ class LogCase:
             hold=2,  # periods of the test-bed between two torques of the controller
             outside=FORCES[self.force].make(robot, self.middle) if self.force else None,
         )
-        path = None if logs is None else logs / f"{name}.parquet"
-        return stored(path, lambda: simulate(robot, self.scenario, settings))
+        return stored(logs, name, lambda: simulate(robot, self.scenario, settings))
 
 
 @dataclass(frozen=True)

@@ -8,11 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from stadera.lab.control import TestBed, TrunkController
-from stadera.lab.experiments.result import ExperimentResult, Record
-from stadera.lab.experiments.runner import Paper, ReproduceSettings
+from stadera.lab.experiments.runner import ExperimentResult, Paper, Record, ReproduceSettings
 from stadera.lab.experiments.standing import load_point
-from stadera.lab.laws.contact_com import ContactCom
-from stadera.lab.laws.recursive import LawSettings, settling_time
+from stadera.lab.laws.recursive import ContactCom, LawSettings, settling_time
 from stadera.lab.plant import IDEAL, Plant, Sensors, VirtualForce
 from stadera.report.figures import Axis, Figure, Guide, Panel, Series, line, stacked
 from stadera.report.table import Cell, TableData

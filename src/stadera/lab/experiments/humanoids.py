@@ -12,11 +12,10 @@ import numpy as np
 
 from stadera.errors import StaderaError
 from stadera.lab.experiments.fault_kinds import SIGNAL_FAULTS
-from stadera.lab.experiments.result import ExperimentResult, Record, spread
-from stadera.lab.experiments.runner import Outcome, Paper, ReproduceSettings, grouped
+from stadera.lab.experiments.runner import ExperimentResult, Outcome, Paper, Record, ReproduceSettings, grouped, spread
 from stadera.lab.plant.whole import whole_robot
+from stadera.lab.scenarios.catalog import Load, SimulateSettings
 from stadera.lab.scenarios.run import simulate, stored
-from stadera.lab.scenarios.settings import Load, SimulateSettings
 from stadera.logs import Recording
 from stadera.report.table import Row, TableData
 from stadera.robot import load_robot
@@ -73,9 +72,8 @@ def weighed(case: CarryCase, logs: Path | None = None) -> dict[str, Any]:
         arms=case.arms,
     )
     name = "-".join((case.robot, case.scenario, case.place, case.errors, str(case.seed)))
-    path = None if logs is None else logs / f"{name}.parquet"
     try:
-        log, truth = stored(path, lambda: simulate(robot, case.scenario, settings))
+        log, truth = stored(logs, name, lambda: simulate(robot, case.scenario, settings))
     except StaderaError as error:
         return {"fell": str(error)}
     if truth.fell is not None:

@@ -20,12 +20,10 @@ from stadera.errors import StaderaError
 from stadera.identify.legs import identify
 from stadera.identify.result import Identification
 from stadera.inertia import InertialParameters
-from stadera.lab.experiments.reality import toppled
-from stadera.lab.experiments.result import ExperimentResult, Record
-from stadera.lab.experiments.runner import Outcome, Paper, ReproduceSettings
-from stadera.lab.scenarios.run import simulate, stored
-from stadera.lab.scenarios.settings import Load, SimulateSettings
-from stadera.lab.scenarios.swing import swing
+from stadera.lab.experiments.runner import ExperimentResult, Outcome, Paper, Record, ReproduceSettings
+from stadera.lab.scenarios.catalog import Load, SimulateSettings
+from stadera.lab.scenarios.run import simulate, stored, swing
+from stadera.lab.truth import Truth
 from stadera.logs import Recording
 from stadera.robot import Robot, load_robot
 from stadera.trunk.drives import TERMS
@@ -61,9 +59,9 @@ def identified(case: IdentifiedCase, logs: Path | None = None) -> dict[str, Any]
     robot = load_robot(case.robot)
     try:
         made = [_log(case, robot, draw, scenario, logs) for scenario in ("trot", "shake")]
-        told, drawn = [log for log, _ in made], made[0][1]
-        if any(toppled(log, robot) for log in told):
+        if any(truth.fell for _, truth in made):
             return {"refused": "it fell"}
+        told, drawn = [log for log, _ in made], dict(made[0][1].drawn or {})
         if case.air:
             told.append(_log(case, robot, draw, "swing", logs)[0])
         result = identify(_wrong(robot, draw), told)
@@ -72,18 +70,15 @@ def identified(case: IdentifiedCase, logs: Path | None = None) -> dict[str, Any]
     return {"refused": None} | _compared(result, robot, drawn)
 
 
-def _log(
-    case: IdentifiedCase, robot: Robot, draw: int, scenario: str, logs: Path | None
-) -> tuple[Recording, dict[str, Any]]:
-    """A log and what was drawn for it, stored earlier or simulated now."""
+def _log(case: IdentifiedCase, robot: Robot, draw: int, scenario: str, logs: Path | None) -> tuple[Recording, Truth]:
+    """A log and its truth, stored earlier or simulated now."""
     tiny = Load(1e-3 * robot.mass)  # of the scenario, that comes after the log's end
     settings = SimulateSettings(_ERRORS, tiny, duration=case.seconds, seed=draw, load_time=case.seconds + 1.0)
-    path = None if logs is None else logs / f"{case.robot}-{scenario}-{case.seconds:g}-{case.seed}.parquet"
+    name = f"{case.robot}-{scenario}-{case.seconds:g}-{case.seed}"
     in_air = scenario == "swing"
     run = (lambda: swing(robot, settings=settings)) if in_air else (lambda: simulate(robot, scenario, settings))
-    log, truth = stored(path, run)
-    assert truth.drawn is not None
-    return replace(log, source=scenario), dict(truth.drawn)
+    log, truth = stored(logs, name, run)
+    return replace(log, source=scenario), truth
 
 
 def _wrong(robot: Robot, seed: int) -> Robot:

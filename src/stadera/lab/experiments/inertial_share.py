@@ -29,8 +29,7 @@ from stadera.errors import StaderaError
 from stadera.inertia import skew
 from stadera.lab.control import Crawl, CrawlCommand, CrawlPhase, TestBed, TrunkController, WalkMonitor, walk
 from stadera.lab.control.legs import LegDynamics
-from stadera.lab.experiments.result import ExperimentResult, Record
-from stadera.lab.experiments.runner import Paper, ReproduceSettings
+from stadera.lab.experiments.runner import ExperimentResult, Paper, Record, ReproduceSettings
 from stadera.lab.plant import IDEAL, Plant, Sensors, TrueState
 from stadera.report.figures import Axis, Figure, Panel, line
 from stadera.report.table import Cell, Row, TableData

@@ -21,8 +21,7 @@ from stadera.identify.legs import identify
 from stadera.identify.prior import PriorWidth, positive_definite
 from stadera.identify.result import MODELS, Identification, LegIdentification, TorqueTrace
 from stadera.identify.settings import IdentifySettings
-from stadera.lab.experiments.result import CaseValues, ExperimentResult, Record
-from stadera.lab.experiments.runner import Paper, ReproduceSettings
+from stadera.lab.experiments.runner import CaseValues, ExperimentResult, Paper, Record, ReproduceSettings
 from stadera.lab.laws.paper_draw import paper_draw
 from stadera.lab.plant import STANDARD, Gains, measured, perturbed, perturbed_physical, simulate_leg
 from stadera.logs import Recording

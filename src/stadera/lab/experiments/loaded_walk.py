@@ -24,12 +24,11 @@ from functools import cached_property
 import numpy as np
 
 from stadera.constants import GRAVITY
-from stadera.errors import require_positive
 from stadera.inertia import InertialParameters
 from stadera.lab.control import Crawl, CrawlCommand, CrawlPhase, TestBed, TrunkController
+from stadera.lab.control.com_plan import PlanError
 from stadera.lab.control.monitor import Fall, WalkMonitor
-from stadera.lab.control.support import PlanError
-from stadera.lab.control.trunk import ControlError
+from stadera.lab.control.reference import ControlError
 from stadera.lab.plant import (
     STANDARD,
     DroppedBox,
@@ -41,11 +40,11 @@ from stadera.lab.plant import (
     SimulationError,
 )
 from stadera.lab.plant.payload import Tray
-from stadera.lab.sensors import estimator_model, plant_model
-from stadera.lab.supervise import NonstopSupervisor, State, StoppingSupervisor, Transition
+from stadera.lab.plant.sensors import estimator_model, plant_model
+from stadera.lab.supervise.supervisor import Mode, NonstopSupervisor, StoppingSupervisor, Transition
 from stadera.robot import Robot, load_robot
 from stadera.robot.stance import standing_configuration
-from stadera.trunk import ContactForceEstimator, TrunkModel
+from stadera.trunk import TrunkModel
 from stadera.trunk.load import Payload as FoundPayload
 from stadera.types import Array, Bools
 
@@ -72,9 +71,6 @@ class OutcomeLimits:
     sagging: float = 0.8
     # [s], time for which a joint may be at its torque limit, since drives heat up. The controllers' own limit.
     overload: float = 0.5
-
-    def __post_init__(self) -> None:
-        require_positive("limits of an outcome:", self, ("share", "sag", "sagging", "overload"))
 
 
 @dataclass(frozen=True, eq=False)
@@ -224,7 +220,7 @@ class LoadedWalkOutcome:
     evaluated_from: float
     # transitions, state: of the supervisor; empty, and WALKING, without one
     transitions: tuple[Transition, ...]
-    state: State
+    state: Mode
     noticed: tuple[float, ...]  # times of detection of changes of the load [s]
     model: TrunkModel  # trunk model of controller and planner at the end
     truth: InertialParameters  # the trunk with its load at the end
@@ -238,12 +234,18 @@ class LoadedWalkOutcome:
     @property
     def least_margin_ever(self) -> float:
         """Least margin since the load [m], including the step that no supervisor can affect."""
-        return _least(self.margin[self.trace.since :])
+        since = self.margin[self.trace.since :]
+        return float(np.nanmin(since)) if np.isfinite(since).any() else float("nan")
+
+    @property
+    def com_error(self) -> float:
+        """Error of the modelled trunk's centre of mass at the end, in x and y [m]."""
+        return float(np.linalg.norm((self.model.com_trunk - self.truth.com)[:2]))
 
     @property
     def outside(self) -> float:
         """Time for which the centre of mass was outside the support polygon, from `evaluated_from` on [s]."""
-        since = self.margin[self.trace.time >= self._evaluated]
+        since = self.margin[~(self.trace.time < self.evaluated_from)]
         return float((since < 0.0).sum()) * float(np.median(np.diff(self.trace.time)))
 
     @property
@@ -255,20 +257,12 @@ class LoadedWalkOutcome:
     @property
     def updated_after(self) -> float | None:
         """Time from the load until the robot used a new trunk model [s]; None if it never did."""
-        after = [t.time for t in self.transitions if t.after is State.WALKING and t.time >= self._from]
+        after = [t.time for t in self.transitions if t.after is Mode.WALKING and t.time >= self._from]
         return after[0] - self._from if after else None
-
-    @property
-    def _evaluated(self) -> float:
-        return -np.inf if np.isnan(self.evaluated_from) else self.evaluated_from
 
     @property
     def _from(self) -> float:
         return -np.inf if np.isnan(self.trace.loaded_at) else self.trace.loaded_at
-
-
-def _least(margin: Array) -> float:
-    return float(np.nanmin(margin)) if np.isfinite(margin).any() else float("nan")
 
 
 def corner_of(robot: Robot, corner: str) -> Array:
@@ -317,8 +311,7 @@ class LoadedWalk:
         self._events = sorted(events, key=lambda event: event[0])
         self.supervisor: StoppingSupervisor | NonstopSupervisor | None = None
         if case.supervision is Supervision.STOPPING:
-            forces = ContactForceEstimator(model)
-            self.supervisor = StoppingSupervisor(model, self.crawl, forces=forces)
+            self.supervisor = StoppingSupervisor(model, self.crawl)
         elif case.supervision is Supervision.NONSTOP:
             self.supervisor = NonstopSupervisor(model, self.crawl)
 
@@ -360,7 +353,7 @@ class LoadedWalk:
             self.supervisor.update(self.bed.measurement)
 
     def _begin(self) -> None:
-        if self.supervisor is None or self.supervisor.state in (State.WALKING, State.WEIGHING):
+        if self.supervisor is None or self.supervisor.state in (Mode.WALKING, Mode.WEIGHING):
             self.crawl.resume()
 
     def _load(self) -> None:
@@ -376,7 +369,7 @@ class LoadedWalk:
             margin=monitor.margins,
             evaluated_from=self.evaluated_from,
             transitions=() if supervisor is None else supervisor.transitions,
-            state=State.WALKING if supervisor is None else supervisor.state,
+            state=Mode.WALKING if supervisor is None else supervisor.state,
             noticed=() if supervisor is None else supervisor.noticed,
             model=self.crawl.controller.trunk.model,
             truth=plant.truth(),

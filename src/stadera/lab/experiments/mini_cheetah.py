@@ -17,8 +17,7 @@ from stadera.errors import StaderaError
 from stadera.identify.legs import identify
 from stadera.lab.baselines import ALL_METHODS
 from stadera.lab.experiments.legs import MissingDataError
-from stadera.lab.experiments.result import ExperimentResult, Record
-from stadera.lab.experiments.runner import Paper, ReproduceSettings
+from stadera.lab.experiments.runner import ExperimentResult, Paper, Record, ReproduceSettings
 from stadera.logs.reader import read
 from stadera.report.numbers import with_std
 from stadera.report.table import Row, TableData

@@ -5,36 +5,39 @@ The only information on a run is the time of the tare, the last instant before t
 
 from __future__ import annotations
 
-import time
 import zlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import product
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
-from stadera.errors import IdentificationError, RecordingError
+from stadera.errors import IdentificationError
 from stadera.identify.legs import identify
 from stadera.identify.schema import with_identified_legs
 from stadera.identify.settings import IdentifySettings
 from stadera.lab.baselines import ALL_METHODS
-from stadera.lab.control.support import PlanError
-from stadera.lab.control.trunk import ControlError
-from stadera.lab.experiments.result import Bounds, CaseValues, ExperimentResult, Record, spread
-from stadera.lab.experiments.runner import Outcome, Paper, ReproduceSettings, grouped
+from stadera.lab.control.com_plan import PlanError
+from stadera.lab.control.reference import ControlError
+from stadera.lab.experiments.runner import (
+    Bounds,
+    CaseValues,
+    ExperimentResult,
+    Outcome,
+    Paper,
+    Record,
+    ReproduceSettings,
+    crossed,
+    grouped,
+)
 from stadera.lab.plant import SimulationError, Tray
-from stadera.lab.scenarios.run import simulate, stored
-from stadera.lab.scenarios.settings import Load, SimulateSettings
-from stadera.lab.scenarios.swing import swing
+from stadera.lab.scenarios.catalog import Load, SimulateSettings
+from stadera.lab.scenarios.run import simulate, stored, swing
 from stadera.lab.truth import Truth
 from stadera.logs import Recording
-from stadera.report.table import Row, TableData
 from stadera.robot import Robot, load_robot
-from stadera.robot.imu import ImuMount
 from stadera.trunk import make_estimator
 from stadera.trunk.registry import Setup
 from stadera.trunk.samples import Samples
@@ -59,7 +62,6 @@ class RealitySettings:
     loaded_at: float = 5.0  # [s]
     out: float = 0.6  # of the tray's half size, within which loads are placed [1]
     half_cube: float = 0.05  # of a load [m]
-    toppled: float = float(np.deg2rad(45.0))  # tilt of a trunk that has fallen [rad]
     hold: int = 2  # periods of the test-bed for which the controller's torques are held
     heavy: float = 0.10  # least load whose position is evaluated, as a share of the robot's mass
     noticeable: float = 0.05  # least load that should be detected, likewise
@@ -87,15 +89,15 @@ def weigh_real(case: RealityCase, logs: Path | None = None) -> dict[str, Any]:
     `fell`: None, or a description. `robot_mass`: [kg]. `methods`: by method (of the registry, and `LEGS`) a mapping
     with every quantity of `FIGURES` that it gives, as [error, standard deviation]; `verdict_before`, `verdict`: of the
     fit, at the tare and at the end, None for methods without one; `noticed`: [s] from the load to its detection;
-    `false_changes`; `share_of_time`.
+    `false_changes`.
     """
     robot = load_robot(case.robot)
     try:
         log, truth = real_log(case, robot, logs)
     except (ControlError, PlanError, SimulationError) as error:
         return {"fell": str(error), "robot_mass": robot.mass, "methods": {}}
-    if toppled(log, robot):
-        return {"fell": "tilted by more than 45°", "robot_mass": robot.mass, "methods": {}}
+    if truth.fell is not None:
+        return {"fell": truth.fell[1], "robot_mass": robot.mass, "methods": {}}
     samples = Samples.of_recording(log, robot)
     methods = {name: _weighed(name, robot, samples, truth) for name in (OURS, "ls", "rls", "kalman")}
     legs = _identified(case, robot, logs)
@@ -104,18 +106,9 @@ def weigh_real(case: RealityCase, logs: Path | None = None) -> dict[str, Any]:
     return {"fell": None, "robot_mass": robot.mass, "methods": methods}
 
 
-def toppled(log: Recording, robot: Robot) -> bool:
-    """True if the trunk of a simulated log was ever tilted by more than `RealitySettings.toppled`."""
-    if log.imu is None or log.imu.orientation is None:
-        raise RecordingError(f"{log.source}: a simulated log has an IMU with its orientation")
-    up = Rotation.from_quat(log.imu.orientation) * Rotation.from_matrix(ImuMount.of(robot).rotation).inv()
-    return bool((up.as_matrix()[:, 2, 2] < np.cos(HOW.toppled)).any())
-
-
 def real_log(case: RealityCase, robot: Robot, logs: Path | None) -> tuple[Recording, Truth]:
     """The run's log and truth, stored earlier or simulated now."""
-    path = None if logs is None else logs / f"{_name(case)}.parquet"
-    return stored(path, lambda: simulate(robot, case.scenario, case_settings(case, robot)))
+    return stored(logs, _name(case), lambda: simulate(robot, case.scenario, case_settings(case, robot)))
 
 
 def case_settings(case: RealityCase, robot: Robot) -> SimulateSettings:
@@ -158,16 +151,13 @@ def _load(case: RealityCase, robot: Robot, draw: int) -> Load | None:
 
 def _weighed(name: str, robot: Robot, samples: Samples, truth: Truth) -> dict[str, Any]:
     estimator: Any = make_estimator(name, Setup(robot), ALL_METHODS)
-    begun = time.process_time()
     estimator.add(samples[samples.time < HOW.loaded_at])
     before, verdict_before = estimator.estimate(), _verdict(estimator)
     if name == OURS:
         estimator.tare()
     estimator.add(samples[samples.time >= HOW.loaded_at])
-    spent = time.process_time() - begun
     bare, load = truth.moments[0], truth.moments[-1]
-    figures: dict[str, Any] = {"share_of_time": spent / float(samples.time[-1] - samples.time[0])}
-    figures |= {"verdict_before": verdict_before, "verdict": _verdict(estimator)}
+    figures: dict[str, Any] = {"verdict_before": verdict_before, "verdict": _verdict(estimator)}
     figures |= _errors(_TRUNK, before.value - np.array([bare.mass, *bare.com]), before.std)
     value, std = _payload(estimator) if name == OURS else _difference(before, estimator.estimate())
     place = np.full(3, np.nan) if load.payload_com is None else np.asarray(load.payload_com)
@@ -301,19 +291,34 @@ def summary(grid: Sequence[RealityCase], runs: Sequence[Outcome]) -> ExperimentR
     """Summarises any part of the grid."""
     pairs = list(zip(grid, runs, strict=True))
     sets = grouped(pairs, lambda case: case.errors)
-    accuracy = (
+    accuracy = [
         record
         for errors, chosen in sets.items()
         for scenario, own in grouped(chosen, lambda case: case.scenario).items()
         for record in _accuracy(errors, scenario, own)
-    )
-    bars = (record for errors, chosen in sets.items() for method in _OWN for record in _bars(errors, chosen, method))
-    tables = (_table(errors, chosen) for errors, chosen in sets.items())
+    ]
+    bars = [record for errors, chosen in sets.items() for method in _OWN for record in _bars(errors, chosen, method)]
     return PAPER.result(
         (*accuracy, *bars),
-        (*tables, _by_robot(sets), _bars_table(sets), _behaviour(sets)),
-        facts={"Runs": f"{len(pairs)}", "Robots": ", ".join(dict.fromkeys(c.robot for c in grid))},
+        (
+            crossed("Errors", accuracy, _place, _method, Record.label, "method"),
+            crossed("Error bars, verdicts, changes of the load", bars, _place, Record.label, _method, ""),
+        ),
+        facts={
+            "Runs": f"{len(pairs)}",
+            "Falls": f"{sum(run['fell'] is not None for run in runs)}",
+            "Robots": ", ".join(dict.fromkeys(c.robot for c in grid)),
+        },
     )
+
+
+def _place(record: Record) -> str:
+    title = _TITLES[str(record.case["errors"])]
+    return f"{record.case['scenario']}, {title}" if "scenario" in record.case else title
+
+
+def _method(record: Record) -> str:
+    return METHODS[str(record.case["method"])]
 
 
 EXPERIMENT = PAPER.experiment(cases, weigh_real, summary, keeps=True, keeps_logs=True)
@@ -334,35 +339,10 @@ def _accuracy(errors: str, scenario: str, pairs: _Pairs) -> Iterator[Record]:
                 yield PAPER.record(own, f"{quantity.title}, median over plain least squares'", "1", ratio, bound=1.0)
 
 
-def _table(errors: str, pairs: _Pairs) -> TableData:
-    def row(scenario: str, chosen: _Pairs, method: str) -> Row:
-        cells = (spread(q.values(chosen, method), q.bounds(errors, scenario, method)) for q in ERROR_SIZES)
-        return (METHODS[method], *cells)
-
-    body = {
-        scenario: [row(scenario, chosen, method) for method in METHODS]
-        for scenario, chosen in grouped(pairs, lambda case: case.scenario).items()
-    }
-    return TableData.of(f"Errors, {_TITLES[errors]}", _head("method"), body, "Median; 95th percentile.")
-
-
-def _by_robot(sets: Mapping[str, _Pairs]) -> TableData:
-    body: dict[str, list[Row]] = {}
-    for errors, pairs in sets.items():
-        moving = [(c, r) for c, r in pairs if c.scenario in _MOVING]
-        for robot, own in grouped(moving, lambda case: case.robot).items():
-            body.setdefault(_TITLES[errors], []).append((robot, *(spread(q.values(own, OURS)) for q in ERROR_SIZES)))
-    return TableData.of("Errors in motion, by robot", _head("robot"), body, "Median; 95th percentile.")
-
-
-def _head(first: str) -> tuple[str, ...]:
-    return (first, *(f"{q.title} [{q.unit}]" for q in ERROR_SIZES))
-
-
 # -- error bars and behaviour -------------------------------------------------------------------------------------
-def _coverage(pairs: _Pairs, name: str, method: str) -> tuple[float, int, int] | None:
-    """Coverage of a quantity's error bars: the share of errors within 2 σ, the number beyond 4 σ with a good verdict
-    (or none), and the total number. None if the quantity was never estimated.
+def _coverage(pairs: _Pairs, name: str, method: str) -> tuple[float, int] | None:
+    """Coverage of a quantity's error bars: the share of errors within 2 σ, and the number beyond 4 σ with a good
+    verdict (or none). None if the quantity was never estimated.
     """
     sigmas, good = [], []
     for _, outcome in pairs:
@@ -375,73 +355,26 @@ def _coverage(pairs: _Pairs, name: str, method: str) -> tuple[float, int, int] |
     if not sigmas:
         return None
     size = np.array(sigmas)
-    return float((size <= 2.0).mean()), int(((size > 4.0) & np.array(good)).sum()), len(size)
+    return float((size <= 2.0).mean()), int(((size > 4.0) & np.array(good)).sum())
 
 
 def _bars(errors: str, pairs: _Pairs, method: str) -> Iterator[Record]:
-    if not any(method in outcome["methods"] for _, outcome in pairs):
-        return
     case: CaseValues = {"errors": errors, "method": method}
-
+    own = [(c, outcome["methods"][method]) for c, outcome in pairs if method in outcome["methods"]]
+    if not own:
+        return
     for name in FIGURES:
         coverage = _coverage(pairs, name, method)
         if coverage is not None:
-            within, beyond, _ = coverage
+            within, beyond = coverage
             yield PAPER.least(case, f"{name}, within 2 σ", "1", within, 0.90)
             yield PAPER.record(case, f"{name}, beyond 4 σ with verdict good", "1", float(beyond), bound=0.0)
-    verdicts, noticed = _verdicts(pairs, method), _noticed(pairs, method)
+    verdicts = [figures["verdict"] for _, figures in own if figures.get("verdict") is not None]
     if verdicts:
         yield PAPER.least(case, "verdict good", "1", verdicts.count("good") / len(verdicts), 0.8)
-    if noticed:
-        yield PAPER.least(case, f"load noticed within {HOW.soon} s", "1", float(np.mean(noticed)), 0.95)
-    yield PAPER.record(case, "false changes in 10 minutes", "1", _false_rate(pairs, method), bound=1.0)
-
-
-def _verdicts(pairs: _Pairs, method: str) -> list[str]:
-    found = (r["methods"].get(method, {}).get("verdict") for _, r in pairs)
-    return [verdict for verdict in found if verdict is not None]
-
-
-def _noticed(pairs: _Pairs, method: str) -> list[bool]:
-    """For each load that should be detected, whether it was detected soon."""
-    stood = [r["methods"][method]["noticed"] for c, r in pairs if method in r["methods"] and c.share >= HOW.noticeable]
-    return [late is not None and late <= HOW.soon for late in stood]
-
-
-def _false_rate(pairs: _Pairs, method: str) -> float:
-    """Number of false changes in ten minutes."""
-    counts = [r["methods"][method]["false_changes"] for _, r in pairs if method in r["methods"]]
-    return 600.0 * sum(counts) / (HOW.duration * len(counts)) if counts else 0.0
-
-
-def _bars_table(sets: Mapping[str, _Pairs]) -> TableData:
-    body: dict[str, list[Row]] = {}
-    for errors, pairs in sets.items():
-        for name, method in product(FIGURES, _OWN):
-            coverage = _coverage(pairs, name, method)
-            if coverage is not None:
-                within, beyond, count = coverage
-                row = (f"{name}, {METHODS[method]}", f"{100.0 * within:.0f} %", f"{beyond}", f"{count}")
-                body.setdefault(_TITLES[errors], []).append(row)
-    return TableData.of("Error bars", ("value", "within 2 σ", "beyond 4 σ, verdict good", "of"), body)
-
-
-def _behaviour(sets: Mapping[str, _Pairs]) -> TableData:
-    head = ("", "runs", "falls", "good / doubtful / bad", f"noticed within {HOW.soon} s", "false in 10 min", "time")
-    body: dict[str, list[Row]] = {}
-    for errors, pairs in sets.items():
-        for scenario, own in grouped(pairs, lambda case: case.scenario).items():
-            verdicts, noticed = _verdicts(own, OURS), _noticed(own, OURS)
-            spent = [r["methods"][OURS]["share_of_time"] for _, r in own if OURS in r["methods"]]
-            row = (
-                scenario,
-                f"{len(own)}",
-                f"{sum(r['fell'] is not None for _, r in own)}",
-                " / ".join(f"{verdicts.count(v)}" for v in ("good", "doubtful", "bad")) if verdicts else "–",
-                f"{100.0 * np.mean(noticed):.0f} %" if noticed else "–",
-                f"{_false_rate(own, OURS):.1f}",
-                f"{100.0 * np.median(spent):.0f} %" if spent else "–",
-            )
-            body.setdefault(_TITLES[errors], []).append(row)
-    note = "Time: of the processor, in the robot's."
-    return TableData.of("Verdicts, changes of the load, cost", head, body, note)
+    late = [figures["noticed"] for c, figures in own if c.share >= HOW.noticeable]
+    if late:
+        soon = float(np.mean([time is not None and time <= HOW.soon for time in late]))
+        yield PAPER.least(case, f"load noticed within {HOW.soon} s", "1", soon, 0.95)
+    rate = 600.0 * sum(figures["false_changes"] for _, figures in own) / (HOW.duration * len(own))
+    yield PAPER.record(case, "false changes in 10 minutes", "1", rate, bound=1.0)

@@ -17,15 +17,13 @@ from functools import cache
 import numpy as np
 
 from stadera.lab.control import TestBed, TrunkController, TrunkPose
-from stadera.lab.laws.contact_com import ContactCom
-from stadera.lab.laws.mass import MassEstimator
-from stadera.lab.laws.orientation import OrientationCom
+from stadera.lab.laws.orientation import OrientationCom, PostureLaw
 from stadera.lab.laws.poses import PosesCom
-from stadera.lab.laws.posture import PostureLaw
-from stadera.lab.laws.recursive import RecursiveCom
+from stadera.lab.laws.recursive import ContactCom, RecursiveCom
+from stadera.lab.laws.static import MassEstimator
 from stadera.lab.laws.static_poses import PoseOffset, static_poses
 from stadera.lab.plant import IDEAL, Gaussian, Plant, SensorErrors, Sensors, Terrain, VirtualForce
-from stadera.lab.sensors import plant_model
+from stadera.lab.plant.sensors import plant_model
 from stadera.robot import Robot, load_robot
 from stadera.robot.stance import standing_configuration
 from stadera.trunk import ContactForceEstimator, Estimator, Measurement, Status, TrunkModel
@@ -194,7 +192,7 @@ class _StandingRun:
         if case.load:
             plant.apply_payload(VirtualForce(case.load, load_point(self.robot)))
         kind = TrunkController if case.misled else _ByEncoders
-        controller = self.controller = kind(self.robot, trunk=self.start, jacobian="encoders")
+        controller = self.controller = kind(self.robot, trunk=self.start, by_encoders=True)
         sensors = Sensors(case.errors, case.seed, self.robot)
         self.bed = TestBed(plant, sensors, controller, feed_back=True, every=case.every)
         self.forces = ContactForceEstimator(self.robot)

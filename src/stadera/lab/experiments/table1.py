@@ -27,8 +27,7 @@ from stadera.identify.result import Identification, LegIdentification, Quantity
 from stadera.identify.settings import IdentifySettings
 from stadera.inertia import ORDER
 from stadera.lab.experiments.legs import LEG, LegCase, LegRuns, impossible_links, torque_figure
-from stadera.lab.experiments.result import ExperimentResult, Record
-from stadera.lab.experiments.runner import Paper
+from stadera.lab.experiments.runner import ExperimentResult, Paper, Record
 from stadera.report.figures import Axis, Figure, Panel, Series
 from stadera.report.table import Cell, Row, TableData
 from stadera.robot.model import Robot
@@ -38,7 +37,7 @@ PAPER = Paper.of("table1")
 
 
 @dataclass(frozen=True)
-class Compared:
+class Recovered:
     """One quantity: simulated, identified, and from CAD."""
 
     name: str
@@ -82,12 +81,12 @@ class Recovery:
         return {f"{link}.{name}": value for link, body in bodies.items() for name, value in body.items()}
 
     @cached_property
-    def parameters(self) -> tuple[Compared, ...]:
+    def parameters(self) -> tuple[Recovered, ...]:
         """The ten parameters of each link."""
         return tuple(_compared(n, t, self.leg.parameters[n]) for n, t in self.true_values.items())
 
     @cached_property
-    def coms(self) -> tuple[Compared, ...]:
+    def coms(self) -> tuple[Recovered, ...]:
         """Centres of mass [m]. They are observable here: the data determine the first moments given the masses, and in
         this experiment the simulated masses are CAD's, at which the estimates are fixed.
         """
@@ -100,7 +99,7 @@ class Recovery:
         return tuple(out)
 
     @cached_property
-    def combinations(self) -> tuple[Compared, ...]:
+    def combinations(self) -> tuple[Recovered, ...]:
         """The identifiable combinations."""
         estimate = self.leg.estimate
         gradients = self._gradients
@@ -108,15 +107,15 @@ class Recovery:
         verdicts = estimate.observability.verdicts(gradients)
         values, priors = gradients @ estimate.values, gradients @ estimate.prior.values
         return tuple(
-            Compared(str(c), c.of(self.true_values), float(v), float(p), float(s), q)
+            Recovered(str(c), c.of(self.true_values), float(v), float(p), float(s), q)
             for c, v, p, s, q in zip(self.structure, values, priors, stds, verdicts, strict=True)
         )
 
-    def worst(self, compared: tuple[Compared, ...]) -> float:
+    def worst(self, compared: tuple[Recovered, ...]) -> float:
         """The largest relative error among the observable ones; 0 if there are none."""
         return max((c.relative_error for c in compared if c.verdict is Identifiability.OBSERVABLE), default=0.0)
 
-    def largest_error(self, compared: tuple[Compared, ...]) -> float:
+    def largest_error(self, compared: tuple[Recovered, ...]) -> float:
         """The largest error among the observable ones, in their unit; 0 if there are none."""
         return max((abs(c.value - c.truth) for c in compared if c.verdict is Identifiability.OBSERVABLE), default=0.0)
 
@@ -168,8 +167,8 @@ def fixed_given(seen: Observability, given: list[str]) -> frozenset[str]:
     return frozenset(name for name, s in zip(seen.columns, still, strict=True) if s and name not in given)
 
 
-def _compared(name: str, truth: float, quantity: Quantity, verdict: Identifiability | None = None) -> Compared:
-    return Compared(name, truth, quantity.value, quantity.prior, quantity.std or 0.0, verdict or quantity.verdict)
+def _compared(name: str, truth: float, quantity: Quantity, verdict: Identifiability | None = None) -> Recovered:
+    return Recovered(name, truth, quantity.value, quantity.prior, quantity.std or 0.0, verdict or quantity.verdict)
 
 
 # -- runs -------------------------------------------------------------------------------------------------------------
@@ -307,7 +306,7 @@ _COM_HEAD = ("", "mass [kg]", "CoM x [m]", "CoM y [m]", "CoM z [m]")
 def _link_tables(found: Recovery) -> tuple[TableData, TableData]:
     """Mass and centre of mass of each link, in the layout of the paper's Table I, and its inertia."""
 
-    def groups(compared: Callable[[str], list[Compared]]) -> dict[str, list[Row]]:
+    def groups(compared: Callable[[str], list[Recovered]]) -> dict[str, list[Row]]:
         links = zip(("hip assembly", "upper leg", "lower leg"), found.leg.leg.links, strict=True)
         return {f"{words} ({link})": _rows(compared(f"{link}.")) for words, link in links}
 
@@ -321,7 +320,7 @@ def _link_tables(found: Recovery) -> tuple[TableData, TableData]:
     )
 
 
-def _rows(compared: list[Compared]) -> list[Row]:
+def _rows(compared: list[Recovered]) -> list[Row]:
     found = (Cell(_figure(c.value), c.verdict, strong=c.verdict is Identifiability.OBSERVABLE) for c in compared)
     return [
         ("simulated", *(_figure(c.truth) for c in compared)),

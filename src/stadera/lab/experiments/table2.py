@@ -8,8 +8,7 @@ import numpy as np
 
 from stadera.constants import GRAVITY
 from stadera.errors import MissingExtraError
-from stadera.lab.experiments.result import ExperimentResult, Record, crossed
-from stadera.lab.experiments.runner import Paper, ReproduceSettings
+from stadera.lab.experiments.runner import ExperimentResult, Paper, Record, ReproduceSettings, crossed
 from stadera.lab.experiments.standing import METHOD_NAMES, StandingCase, StandingOutcome, stand, start_range
 from stadera.report.figures import Axis, Figure, Panel, line
 from stadera.report.table import Cell, TableData

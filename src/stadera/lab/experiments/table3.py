@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from stadera.lab.experiments.result import ExperimentResult, Record, crossed
-from stadera.lab.experiments.runner import Paper, ReproduceSettings
+from stadera.lab.experiments.runner import ExperimentResult, Paper, Record, ReproduceSettings, crossed
 from stadera.lab.experiments.standing import StandingCase, StandingOutcome, stand, start_range
 from stadera.report.figures import Axis, Figure, Panel, line
 from stadera.report.table import TableData

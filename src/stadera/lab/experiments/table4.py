@@ -9,8 +9,7 @@ from typing import Literal
 
 import numpy as np
 
-from stadera.lab.experiments.result import ExperimentResult, Record, crossed
-from stadera.lab.experiments.runner import Paper, ReproduceSettings, grouped
+from stadera.lab.experiments.runner import ExperimentResult, Paper, Record, ReproduceSettings, crossed, grouped
 from stadera.lab.experiments.standing import (
     METHOD_NAMES,
     StandingCase,

@@ -10,10 +10,10 @@ import numpy as np
 from stadera.errors import StaderaError
 from stadera.lab.control import TrunkPose
 from stadera.lab.experiments.loaded_walk import LoadedWalk, LoadedWalkCase, weight_at
-from stadera.lab.experiments.result import ExperimentResult, Record
-from stadera.lab.experiments.runner import Outcome, Paper, ReproduceSettings
+from stadera.lab.experiments.runner import ExperimentResult, Outcome, Paper, Record, ReproduceSettings
 from stadera.lab.laws.static_poses import PoseOffset
-from stadera.lab.supervise import CorrectedForces, Lean, Stage, StandingWeighing, State, StoppingSupervisor
+from stadera.lab.supervise.supervisor import Mode, StoppingSupervisor
+from stadera.lab.supervise.weighing import CorrectedForces, Lean, Stage, StandingWeighing
 from stadera.report.table import Cell, Row, TableData
 from stadera.robot import load_robot
 
@@ -79,7 +79,7 @@ class _LoadedRun:
                 supervisor.weigh("Table V asks for it")
                 asked = True
         uncorrected = self._weighing(CorrectedForces.none(supervisor.forces))
-        while supervisor.state is not State.CONVERGED:
+        while supervisor.state is not Mode.CONVERGED:
             self._step(uncorrected)
         self.walk.supervisor = None  # it stays in place
         return self._weighed(uncorrected)
@@ -108,7 +108,7 @@ class _LoadedRun:
         bed, self._periods = self.walk.bed, self._periods + 1
         if self.walk.monitor.fall is not None:
             raise StaderaError(f"{self.case}: the robot fell, {self.walk.monitor.fall.how}")
-        if self.supervisor.state is State.STANDING:
+        if self.supervisor.state is Mode.STANDING:
             raise StaderaError(f"{self.case}: {self.supervisor.transitions[-1].reason}")
         if bed.plant.time > self.times.longest:
             raise StaderaError(f"{self.case}: not weighed within {self.times.longest} s")

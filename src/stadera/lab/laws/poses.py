@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stadera.constants import GRAVITY
-from stadera.errors import ModelError, require_positive
+from stadera.errors import ModelError
 from stadera.information import Information, Unknowns
 from stadera.lab.laws.equilibrium import ConstantErrors, constant_errors_of, equilibrium_rows
 from stadera.lab.laws.static import StaticEstimator, stated_errors
@@ -130,9 +130,6 @@ class PosesSettings:
             feet's positions [m] (1 σ); None for those of the forces' noise. The vertical's error is 0.2°.
         still: limits for a robot at rest.
         alike: criteria for samples of one pose.
-
-    Raises:
-        StaderaError: a value that is not positive.
     """
 
     seek_errors: bool = False
@@ -144,9 +141,6 @@ class PosesSettings:
     foot_position: float | None = None
     still: StaticLimits = SETTLED
     alike: Alike = field(default_factory=Alike)
-
-    def __post_init__(self) -> None:
-        require_positive("pose setting", self, ("iterations", "settled", "observed"))
 
 
 WIDE_TORQUE, WIDE_FOOT = 0.15, 0.03

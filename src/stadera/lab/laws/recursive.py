@@ -6,11 +6,11 @@ omits the factor, and its steps are smaller by it). With E = 1 - u uᵀ = ᵂR_b
 
     ĉ_tr ← ĉ_tr + β (m_r / m_tr) S E δ,      m̂_r ← m̂_r + β (u · Σ f / g - m̂_r)      (eq. 7, 13, 19)
 
-One pose determines a line along u through c, and S selects the point on it to which ĉ converges. `Plane.WORLD`, the
-paper's, is S = 1: the component of the initial error along u remains, so that on a slope γ the trunk's x-y have a
-remaining error of sin γ times that, which depends on the start. `Plane.TRUNK` keeps the prior height instead, S = 1 - u
-e_zᵀ / u_z (e_z · S E δ = 0): x and y converge to the same values from any start, with the error (u_xy / u_z) δ_z alone.
-In the world's x-y plane both errors are zero, and for a level trunk both choices are the same.
+One pose determines a line along u through c, and S selects the point on it to which ĉ converges. With the paper's
+S = 1 the component of the initial error along u remains, so that on a slope γ the trunk's x-y have a remaining error of
+sin γ times that, which depends on the start. Here S = 1 - u e_zᵀ / u_z (e_z · S E δ = 0) keeps the prior height
+instead: x and y converge to the same values from any start, with the error (u_xy / u_z) δ_z alone. In the world's x-y
+plane both errors are zero, and for a level trunk both choices are the same.
 
 A second pose determines the remaining component. With phase one at the vertical u₀, ĉ is off by s u₀ alone; for a trunk
 tilted since,
@@ -22,11 +22,22 @@ An error of the wrench w = (Σ f, μ) about the trunk's origin changes them by
     δm = uᵀ δΣf / g,    δc = [u]x (δμ - [c]x δΣf) / (m_r g),    δc_tr = (m_r / m_tr) δc + δm (c - c_tr) / m_tr
 
 and with errors ε₁, ε of this kind in the two phases, s by u₀ · (ε - E₀ ε₁) / (1 - (u · u₀)²).
+
+Approach (c), contact forces (section III.C, eq. 16-19). At rest the contact forces' moment about the whole robot's
+centre of mass c vanishes, c x F = μ with F = Σ f_i and μ = Σ p_i x f_i about the trunk's origin, p_i where the ground
+touches the foot. So -[F]x c = μ, of which [F]x has rank two; its damped pseudo-inverse ([F]xᵀ [F]x + λ² 1)⁻¹ [F]xᵀ is
+-[F]x / (|F|² + λ²) on all that μ can be, hence
+
+    c_⊥ = -[F]x⁺ μ = F x μ / (|F|² + λ²),
+
+the point of the line of action nearest to the trunk's origin. The estimate steps towards it by α = 0.002 at 1 kHz,
+first in a plane (see `RecursiveCom`), and after a tilt of the trunk along the remaining direction. All vectors
+are in trunk axes, so no heading is needed.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from enum import StrEnum
 from functools import cached_property
 from math import exp, log
@@ -34,7 +45,7 @@ from math import exp, log
 import numpy as np
 
 from stadera.constants import GRAVITY
-from stadera.errors import IdentificationError, ModelError, positive, require_positive
+from stadera.errors import IdentificationError
 from stadera.inertia import skew
 from stadera.lab.laws.equilibrium import error_slope
 from stadera.lab.laws.static import StaticEstimator, stated_errors, white_covariance
@@ -55,13 +66,8 @@ def settling_time(step: float = STEP, period: float = PERIOD) -> float:
 
     ĉ(k+1) = ĉ(k) + β (c - ĉ(k)) leaves 1 - β of the error each time, so t_a = -3 T_s / ln(1 - β) (the paper, below
     eq. 14). Keeping t_a constant for any T_s makes an estimate independent of the sampling rate.
-
-    Raises:
-        ModelError: the step is outside 0 to 1, or the period is not positive.
     """
-    if not 0.0 < step < 1.0:
-        raise ModelError(f"a step size lies between 0 and 1, got {step}")
-    return -3.0 * positive("a period", period, "s", ModelError) / log(1.0 - step)
+    return -3.0 * period / log(1.0 - step)
 
 
 def step_size(settling: float, period: float) -> float:
@@ -75,13 +81,10 @@ class Settled:
     A single sample's innovation is dominated by noise, so a running mean of it is compared, `quicker` times faster than
     the estimate. At low rates even the mean has a noise of millimetres: the part within `deviations` standard
     deviations, from the scatter of the innovations, is ignored. The estimate is then as close as the noise allows.
-
-    Raises:
-        ModelError: the tolerance, in the innovation's unit, is not positive.
     """
 
     def __init__(self, tolerance: float = 0.0005, quicker: float = 5.0, deviations: float = 2.0) -> None:
-        self.tolerance = positive("a tolerance", tolerance, error=ModelError)
+        self.tolerance = tolerance
         self._quicker, self._deviations = quicker, deviations
         self.restart()
 
@@ -121,15 +124,6 @@ class Phase(StrEnum):
     HEIGHT = "height"
 
 
-class Plane(StrEnum):
-    """Position of the centre of mass along the vertical after one pose: at its prior height in the trunk, or unchanged
-    along the world's vertical.
-    """
-
-    TRUNK = "trunk"
-    WORLD = "world"
-
-
 @dataclass(frozen=True)
 class LawSettings:
     """Settings of a feedback law, all positive."""
@@ -140,7 +134,6 @@ class LawSettings:
     # the other components' covariance
     height_std: float = 0.05
     orientation_std: float = float(np.deg2rad(0.2))  # constant error of the measured orientation [rad]
-    plane: Plane = Plane.TRUNK
     still: StaticLimits = SLOW  # limits of standing still
     mass_settled: float = 1e-3  # innovation of the mass below which it has settled, as a share of the robot's mass
     stale: float = 0.1  # interval at which the covariance is recomputed [s]
@@ -148,14 +141,10 @@ class LawSettings:
     damping: float = 1e-3  # λ of `ContactCom`'s pseudo-inverse, as a share of the weight; biases by its square
     longest_step: float = 0.1  # largest duration assigned to one measurement, as a share of `settling`
 
-    def __post_init__(self) -> None:
-        numbers = (field.name for field in fields(self) if field.name not in ("plane", "still"))
-        require_positive("a law's", self, numbers)
-
     def selection(self, up: Array) -> Array:
         """S (3, 3)."""
         select = np.eye(3)
-        if self.plane is Plane.TRUNK and up[2] > self.hidden:
+        if up[2] > self.hidden:
             select[:, 2] -= up / up[2]
         return select
 
@@ -268,7 +257,7 @@ class RecursiveCom(StaticEstimator):
         covariance = felt @ self._errors.covariance @ felt.T + self._white(instant)
         select, lost = np.eye(4), up
         select[1:, 1:] = settings.selection(up)
-        if kept := settings.plane is Plane.TRUNK and up[2] > settings.hidden:
+        if kept := bool(up[2] > settings.hidden):
             lost = up / up[2]
         covariance = select @ covariance @ select.T
         covariance[1:, 1:] += settings.height_std**2 * np.outer(lost, lost)
@@ -300,3 +289,44 @@ class RecursiveCom(StaticEstimator):
         """Covariance (4, 4) due to the torques' white noise; steps β leave β / (2 - β) of its variance."""
         slope, share = instant.from_wrench, self._step / (2.0 - self._step)
         return np.asarray(share * slope @ white_covariance(instant.forces) @ slope.T)
+
+
+_NOT_TILTED = f"the height is observable in a trunk tilted by {np.rad2deg(LEAST_TILT):.0f}° since the plane was found"
+
+
+class ContactCom(RecursiveCom):
+    """Steps towards the line of action of the contact forces, with any controller, in closed loop or open loop."""
+
+    _last = np.nan
+
+    def look_for_height(self) -> None:
+        """Starts phase two: the components in the plane are kept, and later tilted poses determine the height.
+        Raises IdentificationError: the components in the plane have not been found yet.
+        """
+        self._look_for_height()
+
+    def _learn(self, measurement: Measurement, forces: ContactForces) -> None:
+        time, up = measurement.time, measurement.up
+        elapsed, self._last = time - self._last, time
+        if not elapsed > 0:  # the first after an interruption has no duration
+            return
+        settling = self.settings.settling
+        step = self._step = step_size(settling, min(elapsed, self.settings.longest_step * settling))
+        F, mu = np.split(forces.wrench, 2)
+        square = float(F @ F)
+        nearest = np.cross(F, mu) / (square + self.settings.damping**2 * square)
+        com = self._robot_com(forces.weights.moment)
+        mass, weighed = self._weighed(forces, up, step)
+        error = nearest - com
+        error = (1.0 + self._leg_mass / self._trunk.mass) * (error - up * float(up @ error))
+        innovation = self._selected(error, up)
+        if innovation is None:
+            self._refuse(_NOT_TILTED)
+            return
+        self._settled.take(innovation, step)
+        if self._adopt(time, mass, self._trunk.com_trunk + step * innovation, weighed and self._settled.reached):
+            self._looked_at(measurement, forces, com)
+
+    def _interrupted(self) -> None:
+        super()._interrupted()
+        self._last = np.nan

@@ -15,9 +15,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from stadera.constants import GRAVITY
-from stadera.errors import ModelError, require_positive
+from stadera.errors import ModelError
 from stadera.inertia import skew
-from stadera.lab.control.legs import MeasuredLegs, foot_jacobians
+from stadera.lab.control.legs import LegDynamics, foot_jacobians
 from stadera.lab.laws.equilibrium import ConstantErrors
 from stadera.lab.laws.poses import PoseMean, centre_of, plausible, with_errors, with_poses
 from stadera.robot.kinematics import foot_positions
@@ -41,10 +41,8 @@ class Reach:
     steps: int = 30  # of Newton's method
     largest_step: float = 0.2  # of each joint in one step [rad]
 
-    def __post_init__(self) -> None:
-        require_positive("reach of a pose", self, self.__dataclass_fields__)
-        if not (self.shrunk < 1.0 and self.torque <= 1.0):
-            raise ModelError(f"poses shrink by a factor below 1, within the effort limits, got {self}")
+
+_REACH = Reach()
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +81,7 @@ def static_poses(
     wanted.append(PoseOffset(turn=tilt * z))
     if not 1 <= count <= len(wanted):
         raise ModelError(f"there are 1 to {len(wanted)} static poses to choose from, got {count}")
-    legs = MeasuredLegs(robot)
+    legs = LegDynamics(robot)
     return tuple(_within_reach(legs, pose) for pose in wanted[:count])
 
 
@@ -93,7 +91,6 @@ def expected_covariance(
     errors: ConstantErrors,
     *,
     seek_errors: bool = False,
-    forces: ContactForceEstimator | None = None,
     samples: int = 1000,
 ) -> Array:
     """Expected covariance (4, 4) of mass [kg] and CoM [m] of the robot's own trunk from holding these poses.
@@ -102,15 +99,14 @@ def expected_covariance(
         poses: relative to the nominal stance on level ground.
         errors: constant over the run.
         seek_errors: treat them as unknowns; else they are considered.
-        forces: None for the default noise.
         samples: number in each pose.
 
     Raises:
-        ModelError: a pose is out of the legs' reach.
+        ModelError: a pose is out of the legs' _REACH.
     """
-    forces = forces or ContactForceEstimator(robot)
+    forces = ContactForceEstimator(robot)
     known = plausible(robot, TrunkModel.prior(robot), TrunkBounds.of(robot))
-    legs = MeasuredLegs(robot)
+    legs = LegDynamics(robot)
     for pose in poses:
         measurement = standing_still(robot, pose, legs)
         if measurement is None:
@@ -121,9 +117,7 @@ def expected_covariance(
     return centre_of(with_errors(known, errors, seek=seek_errors))[1]
 
 
-def standing_still(
-    robot: Robot, pose: PoseOffset, legs: MeasuredLegs | None = None, reach: Reach | None = None
-) -> Measurement | None:
+def standing_still(robot: Robot, pose: PoseOffset, legs: LegDynamics | None = None) -> Measurement | None:
     """Measurement of ideal sensors when the robot holds a pose on level ground; None if it cannot.
 
     The contact forces are the smallest ones that hold it, which may need friction.
@@ -131,13 +125,12 @@ def standing_still(
     Args:
         pose: relative to the nominal stance.
         legs: None for a new one.
-        reach: requirements on the legs; None for the defaults.
     """
-    source, reach = legs or MeasuredLegs(robot), reach or Reach()
+    source = legs or LegDynamics(robot)
     q0 = standing_configuration(robot)
     rotation = Rotation.from_rotvec(pose.turn).as_matrix()
     feet = (foot_positions(robot, q0[None])[0] - pose.shift) @ rotation
-    q = _reached(source, feet, q0, reach)
+    q = _reached(source, feet, q0)
     if q is None:
         return None
     up, n = rotation[2], len(q)
@@ -152,31 +145,31 @@ def standing_still(
     effort = np.array([robot.dynamics[joint].offset for joint in robot.tree.joints])
     effort[source.columns] += torque
     most = np.array([robot.limits[joint].effort for joint in robot.tree.joints])
-    loaded = bool((force @ up).min() > reach.least_load * robot.mass * GRAVITY)
-    if not loaded or bool((np.abs(effort) > reach.torque * most).any()):
+    loaded = bool((force @ up).min() > _REACH.least_load * robot.mass * GRAVITY)
+    if not loaded or bool((np.abs(effort) > _REACH.torque * most).any()):
         return None
     return Measurement(0.0, q, np.zeros(n), effort, np.zeros(3), GRAVITY * up, rotation)
 
 
-def _within_reach(legs: MeasuredLegs, pose: PoseOffset) -> PoseOffset:
-    share, robot, reach = 1.0, legs.robot, Reach()
-    while standing_still(robot, pose.scaled(share), legs, reach) is None:
-        share *= reach.shrunk
-        if share < reach.least_size:
+def _within_reach(legs: LegDynamics, pose: PoseOffset) -> PoseOffset:
+    share, robot = 1.0, legs.robot
+    while standing_still(robot, pose.scaled(share), legs) is None:
+        share *= _REACH.shrunk
+        if share < _REACH.least_size:
             raise ModelError(f"robot {robot.name}: no pose near {pose.shift} m, {pose.turn} rad is within reach")
     return pose.scaled(share)
 
 
-def _reached(legs: MeasuredLegs, feet: Array, start: Array, reach: Reach) -> Array | None:
+def _reached(legs: LegDynamics, feet: Array, start: Array) -> Array | None:
     """Joint angles (n,) that bring the feet (4, 3) to these positions, within the limits; None if there are none."""
     robot, columns = legs.robot, legs.columns
     low = np.array([robot.limits[joint].lower for joint in robot.tree.joints])
     high = np.array([robot.limits[joint].upper for joint in robot.tree.joints])
     q = start.copy()
-    for _ in range(reach.steps):
+    for _ in range(_REACH.steps):
         miss = feet - foot_positions(robot, q[None])[0]
         step = np.linalg.pinv(foot_jacobians(robot, q[None])[0]) @ miss[:, :, None]
-        q[columns] += np.clip(step[:, :, 0], -reach.largest_step, reach.largest_step)
+        q[columns] += np.clip(step[:, :, 0], -_REACH.largest_step, _REACH.largest_step)
     miss = feet - foot_positions(robot, q[None])[0]
     inside = ((q >= low) & (q <= high)).all()
-    return q if inside and float(np.abs(miss).max()) < reach.solved else None
+    return q if inside and float(np.abs(miss).max()) < _REACH.solved else None

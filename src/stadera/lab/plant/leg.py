@@ -1,17 +1,27 @@
-"""One leg swinging on a held trunk: the plant of offline identification (section IV.A of the paper)."""
+"""One leg swinging on a held trunk, the plant of offline identification, and legs that differ from CAD."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
+from scipy.linalg import expm
 
 from stadera.constants import SAME
 from stadera.errors import ModelError
 from stadera.excite.sinusoids import Reference
-from stadera.lab.plant.friction import VaryingFriction
-from stadera.lab.plant.model import ModelOptions, build_model, joint_offsets, mass_matrix, workspace
+from stadera.inertia import InertialParameters
+from stadera.lab.plant.model import (
+    DryFriction,
+    PlantOptions,
+    build_model,
+    joint_offsets,
+    least_leg_eigenvalue,
+    mass_matrix,
+    workspace,
+)
 from stadera.logs import Recording
 from stadera.robot.model import Robot, Tree
 from stadera.types import Array
@@ -32,17 +42,10 @@ _TRACKING = TrackingSettings()
 
 @dataclass(frozen=True, eq=False)
 class Gains:
-    """Joint tracking gains: τ = stiffness (q_ref - q) + damping (q̇_ref - q̇) + feedforward."""
+    """Joint tracking gains: τ = stiffness (q_ref - q) + damping (q̇_ref - q̇)."""
 
     stiffness: Array  # (3,) [N·m/rad]
     damping: Array  # (3,) [N·m·s/rad]
-
-    def __post_init__(self) -> None:
-        for name in ("stiffness", "damping"):
-            value = np.asarray(getattr(self, name), dtype=float)
-            if value.shape != (3,) or not (np.isfinite(value).all() and (value >= 0).all()):
-                raise ModelError(f"tracking {name} needs three values that are not negative, got {value.tolist()}")
-            object.__setattr__(self, name, value)
 
     @classmethod
     def scaled(cls, robot: Robot, leg: str, bandwidth: float = _TRACKING.bandwidth) -> Gains:
@@ -63,8 +66,7 @@ def simulate_leg(
     trajectory: Reference,
     *,
     gains: Gains | None = None,
-    feedforward: Array | None = None,
-    friction: VaryingFriction | None = None,
+    friction: DryFriction | None = None,
 ) -> Recording:
     """Simulates one leg tracking a reference, on which it starts, the trunk held level and the other legs at rest.
 
@@ -77,18 +79,15 @@ def simulate_leg(
 
     where friction is coulomb sign(q̇) while a joint slides, and the static friction (below coulomb) while it sticks.
     The robot may be physically impossible (see `stadera.lab.plant.model`); `gains` are `Gains.scaled` by default;
-    `feedforward` (samples, 3) [N·m] is added to the tracking torque; `friction` is in place of the leg's Coulomb
-    friction.
+    `friction` is in place of the leg's Coulomb friction.
     """
     tree = robot.leg_tree(leg)
     gains = gains or Gains.scaled(robot, leg)
-    interval = _check(trajectory, feedforward)
+    interval = float(trajectory.time[-1] - trajectory.time[0]) / (len(trajectory.time) - 1)
     substeps = max(1, int(np.ceil(interval / _TRACKING.largest_step - SAME)))
     model = _tracking_model(robot, tree, gains, interval / substeps)
     # the actuator itself adds -stiffness q - damping q̇, so only this drive is prescribed over time
     drive = gains.stiffness * trajectory.position + gains.damping * trajectory.velocity
-    if feedforward is not None:
-        drive = drive + feedforward
     data = mujoco.MjData(model)
     data.qpos[:], data.qvel[:] = trajectory.position[0], trajectory.velocity[0]
     data.qfrc_applied[:] = -joint_offsets(robot, tree)
@@ -108,28 +107,9 @@ def simulate_leg(
     )
 
 
-def _check(trajectory: Reference, feedforward: Array | None) -> float:
-    """Checks a reference; returns its sampling interval [s]."""
-    time = np.asarray(trajectory.time, dtype=float)
-    if time.ndim != 1 or len(time) < 2:
-        raise ModelError(f"a leg's reference needs at least two samples, time has shape {time.shape}")
-    given = {"position": trajectory.position, "velocity": trajectory.velocity}
-    if feedforward is not None:
-        given["feedforward"] = feedforward
-    for name, values in given.items():
-        if values.shape != (len(time), 3):
-            raise ModelError(f"a leg's reference {name} needs shape {(len(time), 3)}, got {values.shape}")
-        if not np.isfinite(values).all():
-            raise ModelError(f"a leg's reference {name} is not finite")
-    interval = float(time[-1] - time[0]) / (len(time) - 1)
-    if not interval > 0 or np.abs(np.diff(time) - interval).max() > SAME * interval:
-        raise ModelError("a leg's reference needs an even, increasing clock")
-    return interval
-
-
 def _tracking_model(robot: Robot, tree: Tree, gains: Gains, timestep: float) -> mujoco.MjModel:
     """The leg with motors of force `act - stiffness q - damping q̇`, where act is the integral of the control."""
-    model = build_model(robot, tree, ModelOptions(timestep=timestep, drive_state=True))
+    model = build_model(robot, tree, PlantOptions(timestep=timestep, drive_state=True))
     model.opt.integrator = mujoco.mjtIntegrator.mjINT_RK4
     model.opt.tolerance = _TRACKING.tolerance
     model.actuator_biastype[:] = mujoco.mjtBias.mjBIAS_AFFINE
@@ -144,7 +124,7 @@ def _run(
     drive: Array,
     interval: float,
     substeps: int,
-    friction: VaryingFriction | None,
+    friction: DryFriction | None,
 ) -> Array:
     """Position, velocity, acceleration and motor torque at each sample of the drive, (samples, 4, 3)."""
     rates = np.diff(drive, axis=0, append=drive[-1:]) / interval
@@ -164,3 +144,69 @@ def _run(
             forward(model, data)
             integrate(model, data, 4)
     return samples
+
+
+def perturbed(
+    robot: Robot,
+    leg: str,
+    rng: np.random.Generator,
+    *,
+    com_std: float = 0.02,
+    inertia_std: float = 0.02,
+    margin: float = 0.1,
+    draws: int = 200,
+) -> Robot:
+    """The paper's perturbation (section IV.A): white noise on the leg links' centres of mass and inertia tensors.
+
+    Masses are unchanged. Each component of a centre of mass is perturbed by an independent N(0, com_std²) [m], and each
+    of the six entries of the tensor about the LINK ORIGIN, in link axes (the paper's footnote 5), by N(0, inertia_std²)
+    [kg·m²]: the tensor does not follow the shifted centre. At the paper's sizes the links are usually not physically
+    possible (Table I has negative moments). The whole set is drawn again, up to `draws` times, until the least
+    eigenvalue of the joint-space mass matrix over the leg's workspace is at least `margin` times that of the given
+    robot, which keeps the leg simulable.
+    """
+    least = margin * least_leg_eigenvalue(robot, leg)
+    for _ in range(draws):
+        candidate = _with_inertias(
+            robot, {link: _noisy(robot.inertias[link], rng, com_std, inertia_std) for link in robot.leg(leg).links}
+        )
+        if least_leg_eigenvalue(candidate, leg) >= least:
+            return candidate
+    raise ModelError(
+        f"robot {robot.name}, leg {leg}: none of {draws} perturbations (com {com_std} m, inertia {inertia_std} "
+        "kg·m²) leaves the mass matrix positive definite; ask for smaller ones"
+    )
+
+
+def perturbed_physical(
+    robot: Robot, leg: str, rng: np.random.Generator, *, com_std: float = 0.02, stretch_std: float = 0.3
+) -> Robot:
+    """A perturbation of the same size for which every link is physically possible, without redraws.
+
+    The link's mass distribution is displaced by N(0, com_std²) [m] in each component, then deformed about its centre of
+    mass by the linear map exp(E), with the nine entries of E independent N(0, stretch_std²). The pseudo-inertia is
+    transformed by congruence, so it remains positive definite; to first order the second moments change by a share of 2
+    stretch_std. Masses are unchanged.
+    """
+    changed = {}
+    for link in robot.leg(leg).links:
+        body = robot.inertias[link]
+        com = body.com
+        shift = rng.normal(0.0, com_std, 3)
+        deformation = expm(rng.normal(0.0, stretch_std, (3, 3)))
+        # r' = c + s + D (r - c)
+        changed[link] = body.transformed(deformation, com + shift - deformation @ com)
+    return _with_inertias(robot, changed)
+
+
+def _noisy(
+    body: InertialParameters, rng: np.random.Generator, com_std: float, inertia_std: float
+) -> InertialParameters:
+    vector = body.vector.copy()
+    vector[1:4] += body.mass * rng.normal(0.0, com_std, 3)
+    vector[4:] += rng.normal(0.0, inertia_std, 6)
+    return InertialParameters(vector)
+
+
+def _with_inertias(robot: Robot, changed: Mapping[str, InertialParameters]) -> Robot:
+    return replace(robot, inertias={**robot.inertias, **changed})

@@ -17,7 +17,7 @@ import mujoco
 import numpy as np
 
 from stadera.constants import GRAVITY
-from stadera.errors import ModelError, positive
+from stadera.errors import ModelError
 from stadera.inertia import InertialParameters
 from stadera.robot.mjcf import keep_quiet
 from stadera.robot.model import Robot, Tree
@@ -25,7 +25,7 @@ from stadera.types import Array
 
 
 @dataclass(frozen=True)
-class ModelOptions:
+class PlantOptions:
     """Options of the compiled model."""
 
     floating: bool = False  # whether the trunk is free (a free joint) instead of held level
@@ -34,11 +34,8 @@ class ModelOptions:
     # continuous function of time, instead of the control itself
     drive_state: bool = False
 
-    def __post_init__(self) -> None:
-        positive("simulation timestep", self.timestep, "s", ModelError)
 
-
-def build_spec(robot: Robot, tree: Tree, options: ModelOptions) -> mujoco.MjSpec:
+def build_spec(robot: Robot, tree: Tree, options: PlantOptions) -> mujoco.MjSpec:
     """Makes the bodies, joints and torque actuators of a tree of this robot; inertias are placeholders until compiled.
 
     Every link becomes a body with its name, every joint a hinge with armature, viscous damping and dry friction
@@ -90,17 +87,17 @@ def compile_model(spec: mujoco.MjSpec, robot: Robot, tree: Tree) -> mujoco.MjMod
     return model
 
 
-def build_model(robot: Robot, tree: Tree | None = None, options: ModelOptions | None = None) -> mujoco.MjModel:
+def build_model(robot: Robot, tree: Tree | None = None, options: PlantOptions | None = None) -> mujoco.MjModel:
     """A compiled model of the robot, or of a part of its tree such as `robot.leg_tree("RH")`."""
     tree = tree or robot.tree
-    options = options or ModelOptions()
+    options = options or PlantOptions()
     return compile_model(build_spec(robot, tree, options), robot, tree)
 
 
 def least_leg_eigenvalue(robot: Robot, leg: str) -> float:
     """Least eigenvalue of a held leg's M(q) over its workspace; positive if the leg can be simulated."""
     tree = robot.leg_tree(leg)
-    model = _filled_model(build_spec(robot, tree, ModelOptions()), robot, tree)
+    model = _filled_model(build_spec(robot, tree, PlantOptions()), robot, tree)
     return least_mass_eigenvalue(model, workspace(robot, tree))
 
 
@@ -186,3 +183,27 @@ def _add_motor(spec: mujoco.MjSpec, joint: str, effort: float, drive_state: bool
     if np.isfinite(effort):
         motor.forcelimited = mujoco.mjtLimited.mjLIMITED_TRUE
         motor.forcerange = (-effort, effort)
+
+
+@dataclass(frozen=True, eq=False)
+class DryFriction:
+    """Largest dry friction coulomb (1 + v(q)) + load |τ|, with v linear between knots evenly over a joint's range."""
+
+    coulomb: Array  # (n,) [N·m]
+    low: Array  # (n,) [rad], the first knot
+    high: Array  # (n,) [rad], the last one
+    variation: Array  # (n, knots), v at the knots
+    load: Array  # (n,), share of the torque
+
+    def at(self, position: Array, effort: Array) -> Array:
+        """Friction (n,) [N·m] at joint positions (n,) [rad] under torques (n,) [N·m]."""
+        last, joints = self.variation.shape[1] - 1, np.arange(len(position))
+        x = last * np.clip((position - self.low) / (self.high - self.low), 0.0, 1.0)
+        before = np.minimum(x.astype(int), last - 1)
+        share = x - before
+        v = (1.0 - share) * self.variation[joints, before] + share * self.variation[joints, before + 1]
+        return np.asarray(self.coulomb * (1.0 + v) + self.load * np.abs(effort))
+
+    def of(self, joints: list[int]) -> DryFriction:
+        """That of some of the joints."""
+        return DryFriction(*(getattr(self, name)[joints] for name in self.__dataclass_fields__))

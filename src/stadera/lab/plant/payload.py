@@ -11,7 +11,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from stadera.constants import GRAVITY
-from stadera.errors import ModelError
 from stadera.inertia import InertialParameters
 from stadera.robot.model import Robot
 from stadera.types import Array
@@ -27,9 +26,6 @@ class VirtualForce:
     force: float  # [N], downwards
     position: tuple[float, float, float]  # [m], in the trunk frame
 
-    def __post_init__(self) -> None:
-        _require_finite("virtual force", self.force, *self.position)
-
     @property
     def parameters(self) -> InertialParameters:
         """Mass and first moment of the static equivalent, in the trunk frame; the tensor is zero."""
@@ -44,10 +40,6 @@ class RigidMass:
     parameters: InertialParameters  # its ten parameters in the link's frame
     link: str | None = None  # None for the trunk
 
-    def __post_init__(self) -> None:
-        if not self.parameters.is_physical():
-            raise ModelError("a rigid payload must be a physically possible body")
-
     @classmethod
     def box(
         cls,
@@ -57,7 +49,6 @@ class RigidMass:
         link: str | None = None,
     ) -> RigidMass:
         """A homogeneous box: mass [kg], full edges [m] along the link's axes, centre in the link's frame [m]."""
-        _require_positive("rigid payload", mass, *size)
         return cls(InertialParameters.from_com(mass, position, box_inertia(mass, size)), link)
 
 
@@ -70,12 +61,6 @@ class DroppedBox:
     position: tuple[float, float] = (0.0, 0.0)  # (x, y) of its centre in the trunk frame [m]
     height: float = 0.02  # [m] of its underside above the tray when it is released
     friction: float = 0.8  # Coulomb friction coefficient of the box, on the tray and on the ground
-
-    def __post_init__(self) -> None:
-        _require_positive("dropped box", self.mass, *self.size, self.friction)
-        _require_finite("dropped box", *self.position, self.height)
-        if self.height < 0:
-            raise ModelError(f"a dropped box starts above the tray, got height {self.height} m")
 
     @property
     def parameters(self) -> InertialParameters:
@@ -117,16 +102,6 @@ def box_inertia(mass: float, size: tuple[float, float, float]) -> Array:
     return np.diag([y + z, x + z, x + y]) * mass / 12.0
 
 
-def _require_finite(what: str, *values: float) -> None:
-    if not np.isfinite(values).all():
-        raise ModelError(f"{what}: every value must be finite, got {values}")
-
-
-def _require_positive(what: str, *values: float) -> None:
-    if not (np.isfinite(values).all() and min(values) > 0):
-        raise ModelError(f"{what}: mass, size and friction must be positive, got {values}")
-
-
 @dataclass(frozen=True)
 class OutsideForce:
     """An external force on the trunk."""
@@ -138,12 +113,6 @@ class OutsideForce:
     end: float = float("inf")  # [s]
     stiffness: float = 0.0  # k [N/m], not negative
     ramp: float = 0.1  # time to rise and to fall [s]
-
-    def __post_init__(self) -> None:
-        numbers = (self.size, *self.direction, *self.at, self.begin, self.stiffness, self.ramp)
-        positive = min(self.size, self.stiffness) >= 0 and self.ramp > 0 and self.end > self.begin
-        if not (np.isfinite(numbers).all() and positive and np.any(self.direction)):
-            raise ModelError(f"an outside force needs finite sizes, a direction and a time, got {self}")
 
     def force(self, time: float, moved: Array) -> Array:
         """Force (3,) [N] at a time [s], its point having moved by p - p_0 (3,) [m]; world axes."""

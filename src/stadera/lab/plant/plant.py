@@ -22,12 +22,10 @@ from numpy.typing import ArrayLike
 
 from stadera.errors import StaderaError
 from stadera.inertia import InertialParameters
-from stadera.lab.plant.friction import VaryingFriction
-from stadera.lab.plant.model import joint_offsets, quaternion_wxyz, set_body_inertia
+from stadera.lab.plant.model import DryFriction, joint_offsets, quaternion_wxyz, set_body_inertia
 from stadera.lab.plant.payload import DroppedBox, OutsideForce, Payload, RigidMass, Tray, VirtualForce
-from stadera.lab.plant.state import Contacts, TrueState
 from stadera.lab.plant.terrain import Terrain
-from stadera.lab.plant.world import IMU, box_body, build_world
+from stadera.lab.plant.world import IMU, Contacts, TrueState, box_body, build_world
 from stadera.robot.model import Robot
 from stadera.types import Array
 
@@ -49,7 +47,7 @@ class Plant:
         robot: Robot,
         terrain: Terrain | None = None,
         timestep: float = 1e-3,
-        friction: VaryingFriction | None = None,
+        friction: DryFriction | None = None,
     ) -> None:
         self.robot, self._friction = robot, friction
         self.terrain = terrain or Terrain()
@@ -105,16 +103,6 @@ class Plant:
         if isinstance(payload, DroppedBox):
             self._rebuild()
             self._place_box(sum(isinstance(p, DroppedBox) for p in self._payloads) - 1, payload)
-        else:
-            self._load_trunk()
-        self._evaluate()
-
-    def remove_payload(self) -> None:
-        """Removes all loads during the simulation."""
-        had_box = any(isinstance(payload, DroppedBox) for payload in self._payloads)
-        self._payloads = ()
-        if had_box:
-            self._rebuild()
         else:
             self._load_trunk()
         self._evaluate()

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from stadera.errors import ModelError, positive
+from stadera.errors import ModelError
 from stadera.types import Array
 
 
@@ -22,15 +22,6 @@ class Stones:
     length: tuple[float, float] = (1.5, 6.0)
     width: float = 3.0  # [m], across, half of it on either side
     level: float = 0.7  # [m], half edge of the square around the origin in which stones are in the plane
-
-    def __post_init__(self) -> None:
-        sizes = (self.size, *self.length, self.width)
-        if not (np.isfinite(sizes).all() and min(sizes) > 0):
-            raise ModelError(f"stepping stones need positive sizes, got {self.size}, {self.length}, {self.width} m")
-        if not (np.isfinite([self.height, self.level]).all() and min(self.height, self.level) >= 0):
-            raise ModelError(f"stepping stones need heights that are not negative, got {self.height}, {self.level} m")
-        if self.seed < 0:
-            raise ModelError(f"stepping stones need a seed of at least 0, got {self.seed}")
 
     @property
     def counts(self) -> tuple[int, int, int]:
@@ -62,11 +53,6 @@ class Terrain:
     def __post_init__(self) -> None:
         if not abs(self.slope) <= np.deg2rad(60.0):
             raise ModelError(f"terrain slope must lie within ±60°, got {np.rad2deg(self.slope):.1f}°")
-        if not np.isfinite(self.heading):
-            raise ModelError(f"terrain heading is not finite: {self.heading}")
-        if not (np.isfinite(self.softness) and self.softness >= 0):
-            raise ModelError(f"terrain softness must not be negative, got {self.softness} s")
-        positive("terrain friction", self.friction, error=ModelError)
 
     @property
     def rotation(self) -> Array:

@@ -11,11 +11,9 @@ import mujoco
 import numpy as np
 
 from stadera.inertia import InertialParameters
-from stadera.lab.plant.friction import VaryingFriction
-from stadera.lab.plant.model import build_model, mass_matrix
+from stadera.lab.plant.model import DryFriction, build_model, mass_matrix
+from stadera.lab.plant.sensors import STANDARD, effort_limits
 from stadera.lab.plant.terrain import Stones, Terrain
-from stadera.lab.sensor_errors import STANDARD
-from stadera.lab.sensors import effort_limits
 from stadera.robot.model import JointDynamics, Leg, Robot
 from stadera.robot.shapes import FLAT
 from stadera.robot.sole import LEAST_RADIUS, foot_radius
@@ -123,7 +121,7 @@ varies over a log; all else is drawn as in `real`.
 class DrawnVarying:
     """True values of what varies over a run, see `VaryingSizes`."""
 
-    friction: VaryingFriction
+    friction: DryFriction
     drift: Array  # (n,) [N·m], of the torque offsets from the beginning of the log to its end
     warming: float  # time constants of the drift in the log
     lowpass: float  # [Hz]
@@ -132,13 +130,13 @@ class DrawnVarying:
 
     @classmethod
     def of(cls, robot: Robot, true: Robot, sizes: VaryingSizes, seed: int) -> DrawnVarying:
-        """Drawn by a generator of its own; `true` has the drawn Coulomb friction."""
+        """DrawnRobot by a generator of its own; `true` has the drawn Coulomb friction."""
         rng, joints = np.random.default_rng(np.random.SeedSequence(seed).spawn(5)[4]), robot.tree.joints
         ranges = [(max(robot.limits[j].lower, -np.pi), min(robot.limits[j].upper, np.pi)) for j in joints]
         variation = rng.uniform(-1.0, 1.0, (len(joints), sizes.knots))
         kind = kinds_of(robot)
         load = rng.uniform(*sizes.by_load, max(kind) + 1)
-        friction = VaryingFriction(
+        friction = DryFriction(
             coulomb=np.array([true.dynamics[joint].coulomb for joint in joints]),
             low=np.array([low for low, _ in ranges]),
             high=np.array([high for _, high in ranges]),
@@ -163,7 +161,7 @@ class DrawnVarying:
 
 
 @dataclass(frozen=True, eq=False)
-class Drawn:
+class DrawnRobot:
     """True values of one run. Joint values are in the tree's order, (n,)."""
 
     robot: Robot  # the plant, with true links, feet, friction and rotors
@@ -217,7 +215,7 @@ class Drawn:
         }
 
 
-def drawn(robot: Robot, sizes: RealSizes, seed: int) -> Drawn:
+def drawn(robot: Robot, sizes: RealSizes, seed: int) -> DrawnRobot:
     """Draws the true robot, sensors and ground of a seed from the model file's robot; the same in every scenario."""
     body, sensors, ground = (np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(3))
     n, limit = len(robot.tree.joints), effort_limits(robot)
@@ -228,7 +226,7 @@ def drawn(robot: Robot, sizes: RealSizes, seed: int) -> Drawn:
     quantised = bool(sensors.uniform() < sizes.quantised)
     quantum = 2.0 * np.pi / 2.0 ** int(sensors.choice(sizes.bits))
     scaled, true = STANDARD.times(noise), _true_robot(robot, sizes, limit, body)
-    return Drawn(
+    return DrawnRobot(
         robot=true,
         noise=noise,
         torque_gain=gain,

@@ -10,10 +10,9 @@ from scipy.signal import butter, lfilter, lfilter_zi
 from scipy.spatial.transform import Rotation
 
 from stadera.constants import GRAVITY
-from stadera.lab.plant.state import TrueState
-from stadera.lab.reality.draw import Drawn, DrawnVarying
-from stadera.lab.sensor_errors import STANDARD
-from stadera.lab.sensors import effort_limits
+from stadera.lab.plant.sensors import STANDARD, effort_limits
+from stadera.lab.plant.world import TrueState
+from stadera.lab.reality.draw import DrawnRobot, DrawnVarying
 from stadera.logs import Imu, Recording
 from stadera.robot.imu import ImuMount
 from stadera.robot.model import Robot
@@ -66,7 +65,7 @@ class TrueMotion:
 
 
 def measured_log(
-    motion: TrueMotion, robot: Robot, draw: Drawn, seed: int, rate: float | None = None, source: str = ""
+    motion: TrueMotion, robot: Robot, draw: DrawnRobot, seed: int, rate: float | None = None, source: str = ""
 ) -> Recording:
     """Makes the log of a true motion, known at every millisecond.
 
@@ -144,7 +143,7 @@ def _late(effort: Array, time: Array, delay: float) -> Array:
 
 
 def _encoded(
-    position: Array, draw: Drawn, period: float, noise: float, rng: np.random.Generator, kept: slice
+    position: Array, draw: DrawnRobot, period: float, noise: float, rng: np.random.Generator, kept: slice
 ) -> tuple[Array, Array]:
     """Quantised positions, and velocities computed by a drive from their differences over a few milliseconds."""
     quantum = draw.quantum or 1.0
@@ -161,7 +160,7 @@ def _drift(time: Array, varying: DrawnVarying) -> Array:
     return np.asarray(grown[:, None] * varying.drift)
 
 
-def _imu(motion: TrueMotion, robot: Robot, draw: Drawn, kept: slice) -> Imu:
+def _imu(motion: TrueMotion, robot: Robot, draw: DrawnRobot, kept: slice) -> Imu:
     """Values of an IMU off its nominal pose at the kept samples, without noise; its accelerometer may be low-passed.
 
     The point r of the trunk, in trunk axes, has the specific force Rᵀ (a - g) + α x r + ω x (ω x r).

@@ -8,7 +8,7 @@ from rich.console import RenderableType
 from rich.padding import Padding
 from rich.text import Text
 
-from stadera.lab.experiments.result import ExperimentResult, Record, Skipped
+from stadera.lab.experiments.runner import ExperimentResult, Record, Skipped
 from stadera.report.numbers import counted, number
 from stadera.report.page import render
 from stadera.report.table import SHOWN, Cell, TableData, legend, rich_table

@@ -1,4 +1,4 @@
-"""Catalogue of scenarios. A new one is a function that lists its events, and an entry here."""
+"""Settings of a simulated run, and the catalogue of scenarios: each is a function that lists its events."""
 
 from __future__ import annotations
 
@@ -6,10 +6,12 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from types import MappingProxyType
+from typing import Literal
 
 import numpy as np
 
-from stadera.errors import StaderaError, UnknownNameError
+from stadera.constants import GRAVITY
+from stadera.errors import StaderaError, UnknownNameError, positive
 from stadera.lab.control import Crawl
 from stadera.lab.control.arms import Arms, ArmTorques
 from stadera.lab.control.played import Played
@@ -20,12 +22,116 @@ from stadera.lab.control.trot import Trot
 from stadera.lab.control.trunk import TrunkController
 from stadera.lab.control.whole_body import WholeBody
 from stadera.lab.laws.static_poses import static_poses
-from stadera.lab.scenarios.settings import Load, SimulateSettings
+from stadera.lab.plant import OutsideForce, SensorErrors, sensor_errors
+from stadera.lab.plant.payload import Payload, RigidMass, VirtualForce
+from stadera.lab.plant.sensors import ERROR_SETS
+from stadera.lab.plant.whole import on_link
+from stadera.lab.reality import REAL_SETS, RealSizes
+from stadera.logs.recording import Recording
 from stadera.robot.model import Robot
-from stadera.trunk.model import TrunkModel
+from stadera.trunk.model import TrunkBounds, TrunkModel
+
+
+@dataclass(frozen=True)
+class Load:
+    """A load on the trunk, or on another link."""
+
+    amount: float  # positive
+    # "kg" for a rigid cube of 10 cm fixed to the trunk; "N" for the paper's virtual force, without inertia
+    unit: Literal["kg", "N"] = "kg"
+    # [m], of its centre in the frame of what it is on; None for that frame's origin, on the trunk for a quarter of the
+    # feet's rectangle behind and to the left of the middle, at the height of the hips
+    at: tuple[float, float, float] | None = None
+    on: str | None = None  # link or frame of the model; None for the trunk
+
+    def __post_init__(self) -> None:
+        positive("a load", self.amount, self.unit)
+        if self.unit not in ("kg", "N"):
+            raise StaderaError(f"a load is in kg or N, got {self.unit!r}")
+        if self.at is not None and not np.isfinite(self.at).all():
+            raise StaderaError(f"a load's place must be three finite numbers, got {self.at}")
+        if self.on is not None and self.unit == "N":
+            raise StaderaError("a virtual force is on the trunk; a load on a link is in kg")
+
+    def payload(self, robot: Robot) -> Payload:
+        """Converts it to a payload of the test-bed."""
+        size = (0.1, 0.1, 0.1)
+        if self.on is not None:
+            link, rotation, origin = on_link(robot, self.on)
+            x, y, z = (rotation @ np.asarray(self.at or (0.0, 0.0, 0.0)) + origin).tolist()
+            return RigidMass.box(self.amount, size, (x, y, z), link if link != robot.trunk else None)
+        at = self.at or _behind(robot)
+        return VirtualForce(self.amount, at) if self.unit == "N" else RigidMass.box(self.amount, size, at)
+
+
+@dataclass(frozen=True)
+class SimulateSettings:
+    """Settings of a run."""
+
+    # ideal, standard or harsh, of the sensors; or real, real-unit-gain, real-varying: of robot, sensors and ground
+    errors: str = "standard"
+    load: Load | None = None  # None for the scenario's own
+    slope: float | None = None  # of the ground [rad]; None for the scenario's own, or with real errors the drawn one
+    duration: float | None = None  # [s]; None for the scenario's own
+    # of the log [Hz]; the test-bed itself runs at 1 kHz, and the log keeps every n-th sample. None for 250 Hz, or with
+    # real errors the drawn one.
+    rate: float | None = None
+    seed: int = 0  # of all sensor errors
+    load_time: float | None = None  # [s], at which the load is added; None for the scenario's own
+    speed: float | None = None  # of a walk, forwards [m/s]; None for the scenario's own
+    turn: float = 0.0  # of a walk, to the left [rad/s]
+    amplitude: float = 1.0  # of a shake, times 3° and 3 % of the robot's height
+    stones: float = 0.0  # [m], largest deviation of the stepping stones' heights; 0 for a plane
+    hold: int = 1  # periods of the test-bed for which the controller's torques are held, see `TestBed`
+    outside: OutsideForce | None = None  # an external force other than a load; None for none
+    arms: float = 0.0  # amplitude with which joints outside the legs swing [rad]
+    motion: Recording | None = None  # a table of joint positions, of the scenario "motion"
+
+    def __post_init__(self) -> None:
+        if self.errors.lower() not in (*ERROR_SETS, *REAL_SETS):
+            raise UnknownNameError("set of errors", self.errors, (*ERROR_SETS, *REAL_SETS))
+        every = 1.0 if self.rate is None else 1000.0 / self.rate if np.isfinite(self.rate) and self.rate > 0 else 0.0
+        if every < 1 or abs(every - round(every)) > 1e-9:
+            raise StaderaError(
+                f"a log's rate must be 1000 Hz over a whole number (1000, 500, 250, ...), got {self.rate}"
+            )
+        if self.duration == 0.0:
+            raise StaderaError("a run's duration must be positive, got 0.0 s")
+        _require(0.0, duration=self.duration, seed=self.seed, load_time=self.load_time, stones=self.stones)
+        _require(-np.inf, speed=self.speed, turn=self.turn, amplitude=self.amplitude, arms=self.arms)
+
+    @property
+    def sensor_errors(self) -> SensorErrors:
+        """Errors of the controller's sensors; with real errors it has separate sensors of `standard` quality."""
+        return sensor_errors("standard" if self.real_sizes else self.errors)
+
+    @property
+    def real_sizes(self) -> RealSizes | None:
+        """Sizes from which real errors are drawn; None for errors of another kind."""
+        return REAL_SETS.get(self.errors.lower())
+
+    @property
+    def every(self) -> int:
+        """Periods of the test-bed per sample of the log."""
+        return round(1000.0 / (self.rate or 250.0))
+
+
+def _require(least: float, **values: float | None) -> None:
+    """Checks that given values are finite, and at least `least`."""
+    for name, value in values.items():
+        if value is not None and not (np.isfinite(value) and value >= least):
+            wanted = "finite" if least == -np.inf else f"finite and at least {least:g}"
+            raise StaderaError(f"a run's {name} must be {wanted}, got {value}")
+
+
+def _behind(robot: Robot) -> tuple[float, float, float]:
+    bounds = TrunkBounds.of(robot)
+    middle, half = 0.5 * (bounds.low + bounds.high), 0.5 * (bounds.high - bounds.low)
+    return float(middle[0] - 0.5 * half[0]), float(middle[1] + 0.5 * half[1]), float(middle[2])
+
 
 SWING = "swing"
-"""The scenario with legs in the air and without a controller: see `stadera.lab.scenarios.swing`."""
+"""The scenario with legs in the air and without a controller: see `stadera.lab.scenarios.run`."""
 
 
 @dataclass(frozen=True)
@@ -35,6 +141,9 @@ class ScenarioDefaults:
     load: float = 0.1  # default load as a share of the robot's mass
     load_after: float = 0.4  # time of the load as a share of the duration
     trot: float = 0.3  # speed [m/s]
+    # of errands: the fastest trot as a share of √(g h), 0.6 m/s for HyQ, and the fastest turn [rad/s]
+    fastest: float = 0.26
+    fastest_turn: float = 0.4
     crawl: float = 0.1  # speed [m/s]
     # clearance of a crawling foot above the difference between the highest and the lowest stone [m]
     over_stones: float = 0.02
@@ -126,6 +235,36 @@ def _trot(bed: TestBed, settings: SimulateSettings) -> None:
     bed.controller.walk((speed, 0.0), settings.turn)
 
 
+def _errands(robot: Robot, settings: SimulateSettings, duration: float) -> Sequence[ScriptEvent]:
+    """Sets out, walks at changing speeds, turns and stops at random, and sometimes sways before it sets out again."""
+    rng, time = np.random.default_rng(settings.seed), DEFAULTS.still
+    events: list[ScriptEvent] = []
+
+    def walk(bed: TestBed, ahead: float, turn: float) -> None:
+        assert isinstance(bed.controller, Trot)
+        speed = ahead * DEFAULTS.fastest * GRAVITY * bed.controller.settings.pendulum
+        bed.controller.walk((speed, 0.0), turn * DEFAULTS.fastest_turn)
+
+    def stop(bed: TestBed) -> None:
+        assert isinstance(bed.controller, Trot)
+        bed.controller.stop()
+
+    def sway(bed: TestBed) -> None:
+        assert isinstance(bed.controller, Trot)
+        if not bed.controller.stepping:
+            _shake(bed, settings)
+
+    while time < duration:
+        for _ in range(rng.integers(1, 4)):
+            turn = float(rng.choice((-1.0, 0.0, 1.0)))
+            events.append(ScriptEvent(time, partial(walk, ahead=rng.uniform(0.0, 1.0), turn=turn)))
+            time += rng.uniform(2.0, 5.0)
+        events += [ScriptEvent(time, stop), *([ScriptEvent(time + 2.0, sway)] * bool(rng.uniform() < 0.3))]
+        time += rng.uniform(2.0, 5.0)
+    events = [event for event in events if event.time < duration]
+    return [*events, *_loading(robot, settings, DEFAULTS.load_after * duration)]
+
+
 def _shake(bed: TestBed, settings: SimulateSettings) -> None:
     controller = bed.trunk_controller
     controller.follow(Shake.of(controller.robot, controller.reference, controller.time, settings.amplitude))
@@ -188,6 +327,7 @@ SCENARIOS: Mapping[str, Scenario] = MappingProxyType(
         "poses": Scenario("holds eleven poses of the trunk, for the method 'poses'", 33.0, _poses),
         "trot": Scenario(f"trots at 0.3 m/s, {_LATER}", 8.0, _motion(_trot), controller=Trot.of),
         "trot-load": Scenario(f"trots; {_OWN}", 8.0, _motion(_trot, own=True), controller=Trot.of),
+        "errands": Scenario(f"trots, turns, stops and sways at random, {_LATER}", 20.0, _errands, controller=Trot.of),
         "crawl": Scenario(f"crawls at 0.1 m/s, {_LATER}", 12.0, _motion(_crawl), controller=_crawling),
         "crawl-load": Scenario(f"crawls; {_OWN}", 12.0, _motion(_crawl, own=True), controller=_crawling),
         "shake": Scenario(f"stands with a small motion of the body, {_LATER}", 8.0, _motion(_shake)),

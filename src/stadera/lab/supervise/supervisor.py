@@ -5,33 +5,127 @@ The walking estimator (`TrunkEstimator`) runs beside the robot and detects the c
     NonstopSupervisor:    WALKING -> WEIGHING -> WALKING
     StoppingSupervisor:   WALKING -> STOPPING -> WEIGHING_MASS -> WEIGHING_COM -> CONVERGED -> WALKING
 
-The first waits, while the robot walks on, until the estimate is accurate enough. The second is the state machine of the
-paper's section V.C: the robot stops, and is weighed at rest. Until then controller and planner keep the last trunk.
-STANDING is final: the robot cannot continue, for the reason given. Supervisors have no side effects other than
-commanding the walker, and store events as values.
+The first waits, while the robot walks on, until the estimate is accurate enough. The second is the state machine of
+the paper's section V.C: the robot stops, and is weighed at rest. Until then controller and planner keep the last
+trunk. STANDING is final: the robot cannot continue, for the reason given. Supervisors have no side effects other
+than commanding the walker, and store events as values.
+
+An estimate is used only when it is accurate enough (`TrustedEstimator`). For a controller an outdated estimate is
+safer than one that has not converged. After a change of the load the error bars are wide; until they are narrow
+again, the last sufficiently accurate estimate is returned, marked as refused.
+
+The robot is strong enough to walk with a load if it can stand on any three legs (`hardest_effort`). A statically
+stable crawl lifts each leg in turn while the centre of mass is over the triangle of the others. In the nominal
+stance on level ground, with the centre of mass over the triangle's incentre c, where its three margins are equal,
+vertical forces f_i hold it:
+
+    Σ f_i = m_r g,   Σ f_i p_i = m_r g c  (seen from above)   =>   f_i = m_r g λ_i,   λ: barycentric coordinates of c
+
+and need the torques τ_i = h_i - J_iᵀ f_i u. λ_i is the length of the edge opposite to foot i over the circumference.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from stadera.constants import ROUNDING
-from stadera.errors import StaderaError, require_positive
-from stadera.lab.supervise.strength import hardest_effort
-from stadera.lab.supervise.trusted import TrustedEstimator, TrustLimits
+from stadera.constants import GRAVITY, ROUNDING
+from stadera.errors import StaderaError
+from stadera.lab.control.legs import LegDynamics
 from stadera.lab.supervise.weighing import CorrectedForces, Stage, StandingWeighing, WeighingSettings
 from stadera.robot.model import Robot
+from stadera.robot.stance import standing_configuration
 from stadera.trunk.estimator import TrunkEstimator
 from stadera.trunk.load import LoadChange, Payload
 from stadera.trunk.measurement import Measurement
-from stadera.trunk.model import TrunkModel
-from stadera.trunk.protocol import Status, TrunkEstimate
-from stadera.trunk.settings import TrunkSettings
+from stadera.trunk.model import TrunkBounds, TrunkModel
+from stadera.trunk.protocol import Estimator, Status, TrunkEstimate, unobserved
 from stadera.trunk.standing.forces import ContactForceEstimator
+
+
+@dataclass(frozen=True)
+class Effort:
+    """The most heavily loaded joint when the robot stands on three legs."""
+
+    joint: str
+    torque: float  # [N·m], positive
+    limit: float  # [N·m], positive
+
+    @property
+    def share(self) -> float:
+        """Torque as a share of the limit; zero for a joint without one."""
+        return self.torque / self.limit if np.isfinite(self.limit) else 0.0
+
+
+def hardest_effort(robot: Robot, trunk: TrunkModel) -> Effort:
+    """The joint closest to its torque limit when the robot stands on any three legs with this trunk."""
+    legs, q = LegDynamics(robot), standing_configuration(robot)
+    up, zero = np.array([0.0, 0.0, 1.0]), np.zeros(len(q))
+    state = legs.measured(Measurement(0.0, q, zero, zero, np.zeros(3), GRAVITY * up, np.eye(3)))
+    contact = state.feet - np.array([[leg.foot_radius] for leg in robot.legs]) * up
+    lifting = state.jacobians(contact)[:, 2, :]  # decrease in torques per unit of vertical force
+    efforts = []
+    for swing in range(len(robot.legs)):
+        standing = [k for k in range(len(robot.legs)) if k != swing]
+        triangle = contact[standing, :2]
+        opposite = np.linalg.norm(np.roll(triangle, -1, axis=0) - np.roll(triangle, 1, axis=0), axis=1)
+        forces = (trunk.mass + legs.leg_mass) * GRAVITY * opposite / opposite.sum()
+        for k, force in zip(standing, forces, strict=True):
+            torques = np.abs(state.bias[k] - force * lifting[k]).tolist()
+            efforts += [
+                Effort(joint, torque, robot.limits[joint].effort)
+                for joint, torque in zip(robot.legs[k].joints, torques, strict=True)
+            ]
+    return max(efforts, key=lambda effort: effort.share)
+
+
+class TrustedEstimator:
+    """An `Estimator` that wraps another one, and returns only estimates that are plausible and accurate enough.
+
+    The limits are above the common error of all torques, which cancels for a controller that commands these same
+    torques, and above the effect of static friction in a standing robot. `inner` is the wrapped estimator; `robot`
+    defines the plausible range, and its own trunk is the estimate before the first accurate one.
+    """
+
+    share = 0.12  # largest standard deviation of the mass, as a share of the robot's
+    height = 0.05  # likewise of the horizontal centre of mass, as a share of the standing height
+
+    def __init__(self, inner: Estimator, robot: Robot) -> None:
+        self.inner, self._bounds = inner, TrunkBounds.of(robot)
+        self._mass = self.share * robot.mass
+        self._com = self.height * float(self._bounds.high[2] - self._bounds.low[2])
+        self._last = TrunkEstimate(np.nan, TrunkModel.prior(robot), unobserved(), Status.WAITING)
+        self._checked: TrunkEstimate | None = None
+
+    def update(self, measurement: Measurement) -> None:
+        """Passes the measurement to the inner estimator."""
+        self.inner.update(measurement)
+
+    def estimate(self) -> TrunkEstimate:
+        """The inner estimate if it can be trusted; else the last trusted one, marked as refused with the reason."""
+        estimate = self.inner.estimate()
+        if estimate is self._checked:
+            return self._last
+        self._checked = estimate
+        complaint = self._complaint(estimate)
+        if complaint is None:
+            self._last = estimate
+        elif self._last.status is not Status.WAITING:
+            self._last = replace(self._last, status=Status.REFUSED, reason=complaint)
+        return self._last
+
+    def _complaint(self, estimate: TrunkEstimate) -> str | None:
+        if estimate.reason:
+            return estimate.reason
+        mass, x, y, _ = estimate.std
+        if not mass <= self._mass:
+            return f"the trunk's mass is known to {mass:.2f} kg only, {self._mass:.2f} kg are wanted"
+        if not max(x, y) <= self._com:
+            return f"the trunk's centre of mass is known to {max(x, y):.3f} m only, {self._com:.3f} m are wanted"
+        return self._bounds.complaint(estimate.trunk)
 
 
 @runtime_checkable
@@ -56,8 +150,8 @@ class Walker(Protocol):
         """Passes a model of the trunk to controller and planner, both or neither; False for neither."""
 
 
-class State(StrEnum):
-    """State of the supervised robot."""
+class Mode(StrEnum):
+    """Mode of the supervised robot."""
 
     WALKING = "walking"
     STOPPING = "stopping"
@@ -73,8 +167,8 @@ class Transition:
     """One change of state."""
 
     time: float  # [s]
-    before: State
-    after: State
+    before: Mode
+    after: Mode
     reason: str  # one sentence
 
     def to_dict(self) -> dict[str, float | str]:
@@ -90,12 +184,10 @@ class Supervisor:
         noticed: times of detection of changes of the load [s].
     """
 
-    def __init__(
-        self, robot: Robot, walker: Walker, trunk: TrunkModel | None = None, settings: TrunkSettings | None = None
-    ) -> None:
-        self.robot, self.walker, self.state = robot, walker, State.WALKING
-        self.trunk = trunk or TrunkModel.prior(robot)
-        self.estimator = TrunkEstimator(robot, start=self.trunk, settings=settings)
+    def __init__(self, robot: Robot, walker: Walker) -> None:
+        self.robot, self.walker, self.state = robot, walker, Mode.WALKING
+        self.trunk = TrunkModel.prior(robot)
+        self.estimator = TrunkEstimator(robot)
         self.noticed: tuple[float, ...] = ()
         self._transitions: list[Transition] = []
         self._time, self._since = 0.0, 0.0
@@ -134,11 +226,11 @@ class Supervisor:
         )
 
     def _stand(self, reason: str) -> None:
-        if self.state is not State.STANDING:
+        if self.state is not Mode.STANDING:
             self.walker.request_stop()
-            self._enter(State.STANDING, reason)
+            self._enter(Mode.STANDING, reason)
 
-    def _enter(self, state: State, reason: str) -> None:
+    def _enter(self, state: Mode, reason: str) -> None:
         self._transitions.append(Transition(self._time, self.state, state, reason))
         self.state, self._since = state, self._time
 
@@ -146,20 +238,12 @@ class Supervisor:
 class NonstopSupervisor(Supervisor):
     """Weighs a load without stopping the robot: passes every sufficiently accurate estimate to the walker.
 
-    The first such estimate is the tare, which is refined with the trunk until a load is added. `limits`: the accuracy
-    needed.
+    The first such estimate is the tare, which is refined with the trunk until a load is added.
     """
 
-    def __init__(
-        self,
-        robot: Robot,
-        walker: Walker,
-        trunk: TrunkModel | None = None,
-        settings: TrunkSettings | None = None,
-        limits: TrustLimits | None = None,
-    ) -> None:
-        super().__init__(robot, walker, trunk, settings)
-        self._trusted = TrustedEstimator(self.estimator, robot, self.trunk, limits)
+    def __init__(self, robot: Robot, walker: Walker) -> None:
+        super().__init__(robot, walker)
+        self._trusted = TrustedEstimator(self.estimator, robot)
         self._handed = self._trusted.estimate()
 
     @property
@@ -174,11 +258,11 @@ class NonstopSupervisor(Supervisor):
         """Processes one measurement. Times must increase."""
         self._time = m.time
         self._trusted.update(m)
-        if self.state is State.STANDING:
+        if self.state is Mode.STANDING:
             return
         change = self._new_change()
-        if change is not None and self.state is State.WALKING:
-            self._enter(State.WEIGHING, _sentence(change))
+        if change is not None and self.state is Mode.WALKING:
+            self._enter(Mode.WEIGHING, _sentence(change))
         self._hand_on()
         if fault := self.walker.fault:
             self._stand(fault)
@@ -194,14 +278,14 @@ class NonstopSupervisor(Supervisor):
         if not self.walker.update_trunk(found.trunk):
             return
         self.trunk = found.trunk
-        if self.state is not State.WEIGHING:
+        if self.state is not Mode.WEIGHING:
             return
         if heavy := self._too_heavy(found.trunk):
             self._stand(heavy)
             return
         mass, x, y, _ = found.std
         known = f"{found.trunk.mass:.2f} ± {mass:.2f} kg, its centre of mass to {1e3 * max(x, y):.1f} mm"
-        self._enter(State.WALKING, f"controller and planner have taken the new trunk: {known}")
+        self._enter(Mode.WALKING, f"controller and planner have taken the new trunk: {known}")
 
 
 @dataclass(frozen=True)
@@ -213,29 +297,17 @@ class StopSettings:
     restarts: int = 3  # number of times a weighing may restart because the load changes
     settling: float = 0.5  # time for controller and trunk to settle with a new model of the trunk [s]
 
-    def __post_init__(self) -> None:
-        require_positive("supervision:", self, ("period", "stop_within", "settling"))
-        if self.restarts < 0:
-            raise StaderaError(f"supervision: a weighing begins anew 0 times or more, got {self.restarts}")
-
 
 class StoppingSupervisor(Supervisor):
     """Stops the robot to weigh a changed load at rest, and passes the new trunk on once mass and centre of mass have
-    both converged. `forces`: estimator of the contact forces at rest.
+    both converged. `forces` estimates the contact forces at rest.
     """
 
-    def __init__(
-        self,
-        robot: Robot,
-        walker: Walker,
-        trunk: TrunkModel | None = None,
-        forces: ContactForceEstimator | None = None,
-        settings: StopSettings | None = None,
-        weighing: WeighingSettings | None = None,
-    ) -> None:
-        super().__init__(robot, walker, trunk)
-        self.forces = forces or ContactForceEstimator(robot)
-        self.settings, self._how = settings or StopSettings(), weighing or WeighingSettings()
+    settings = StopSettings()
+
+    def __init__(self, robot: Robot, walker: Walker, weighing: WeighingSettings | None = None) -> None:
+        super().__init__(robot, walker)
+        self.forces, self._how = ContactForceEstimator(robot), weighing or WeighingSettings()
         self._tare, self._restarts = self.trunk, 0
         self._weighing: StandingWeighing | None = None
         self._estimate: TrunkEstimate | None = None
@@ -269,25 +341,25 @@ class StoppingSupervisor(Supervisor):
             return
         self._time = m.time
         match self.state:
-            case State.WALKING if self.walker.fault:
+            case Mode.WALKING if self.walker.fault:
                 self._stand(self.walker.fault)
-            case State.WALKING if change is not None:
+            case Mode.WALKING if change is not None:
                 self.weigh(_sentence(change))
-            case State.STOPPING:
+            case Mode.STOPPING:
                 self._stop()
-            case State.WEIGHING_MASS | State.WEIGHING_COM:
+            case Mode.WEIGHING_MASS | Mode.WEIGHING_COM:
                 self._weigh(m, change)
-            case State.CONVERGED if m.time - self._since >= self.settings.settling:
+            case Mode.CONVERGED if m.time - self._since >= self.settings.settling:
                 self.walker.resume()
-                self._enter(State.WALKING, "controller and planner have taken the new trunk")
+                self._enter(Mode.WALKING, "controller and planner have taken the new trunk")
 
     def weigh(self, reason: str) -> None:
         """Stops and weighs, for the caller's reason; StaderaError unless it is WALKING or STANDING."""
-        if self.state not in (State.WALKING, State.STANDING):
+        if self.state not in (Mode.WALKING, Mode.STANDING):
             raise StaderaError(f"a weighing begins from walking or standing, and the robot is {self.state}")
         self._restarts = 0
         self.walker.request_stop()
-        self._enter(State.STOPPING, reason)
+        self._enter(Mode.STOPPING, reason)
 
     def _stop(self) -> None:
         if self.walker.stopped:
@@ -297,7 +369,7 @@ class StoppingSupervisor(Supervisor):
 
     def _begin_weighing(self, reason: str) -> None:
         self._weighing = StandingWeighing(self.corrected, self.trunk, self._time, self._how)
-        self._enter(State.WEIGHING_MASS, reason)
+        self._enter(Mode.WEIGHING_MASS, reason)
 
     def _weigh(self, m: Measurement, change: LoadChange | None) -> None:
         weighing = self._weighing
@@ -308,9 +380,9 @@ class StoppingSupervisor(Supervisor):
         found = self._estimate = weighing.estimate
         if weighing.stage is Stage.FAILED:
             self._give_up(weighing.reason)
-        elif found is not None and weighing.stage is Stage.COM and self.state is State.WEIGHING_MASS:
+        elif found is not None and weighing.stage is Stage.COM and self.state is Mode.WEIGHING_MASS:
             said = f"the trunk with its load weighs {found.trunk.mass:.2f} ± {found.std[0]:.2f} kg"
-            self._enter(State.WEIGHING_COM, said)
+            self._enter(Mode.WEIGHING_COM, said)
         elif found is not None and weighing.stage is Stage.DONE:
             self._converged(found)
 
@@ -324,7 +396,7 @@ class StoppingSupervisor(Supervisor):
     def _converged(self, found: TrunkEstimate) -> None:
         trunk, self._weighing = found.trunk, None
         x, y, z = trunk.com_trunk
-        self._enter(State.CONVERGED, f"{trunk.mass:.2f} kg with the centre of mass at ({x:.4f}, {y:.4f}, {z:.4f}) m")
+        self._enter(Mode.CONVERGED, f"{trunk.mass:.2f} kg with the centre of mass at ({x:.4f}, {y:.4f}, {z:.4f}) m")
         if heavy := self._too_heavy(trunk):
             self._stand(heavy)
         elif not self.walker.update_trunk(trunk):

@@ -12,7 +12,7 @@ from enum import StrEnum
 
 import numpy as np
 
-from stadera.lab.laws.mass import MassEstimator
+from stadera.lab.laws.static import MassEstimator
 from stadera.lab.laws.static_poses import PoseOffset, static_poses
 from stadera.trunk.drives import TERMS, Drives
 from stadera.trunk.measurement import Measurement

@@ -20,13 +20,15 @@ from stadera.constants import GRAVITY
 from stadera.lab.demo import DemoResult, DemoRun
 from stadera.lab.experiments.loaded_walk import WalkOutcome
 from stadera.lab.plant.payload import Tray
-from stadera.lab.report.demo.terminal import NAMES
-from stadera.lab.supervise import State
+from stadera.lab.supervise.supervisor import Mode
 from stadera.report.figures.robot import limbs, trunk_box
 from stadera.report.numbers import with_std
 from stadera.robot import load_robot
 from stadera.robot.model import Robot
 from stadera.types import Array
+
+NAMES = ("without identification", "with identification")
+"""Names of the two runs."""
 
 
 def robot_parts(robot: Robot) -> dict[str, Any]:
@@ -158,9 +160,9 @@ def _events(run: DemoRun) -> Iterator[dict[str, Any]]:
         yield {"time": tips, "text": "tips over", "level": "bad", "mark": "tips over"}
     for transition in outcome.transitions:
         text, mark = str(transition.after), str(transition.after)
-        if transition.after is State.WEIGHING:
+        if transition.after is Mode.WEIGHING:
             text = mark = "load noticed"
-        elif transition.after is State.WALKING and payload is not None:
+        elif transition.after is Mode.WALKING and payload is not None:
             text, mark = f"weighed {with_std(payload.mass, payload.mass_std)} kg, walking on", "weighed"
         yield {"time": transition.time, "text": text, "level": "good", "mark": mark}
     if trace.fall is not None:

@@ -1,0 +1,342 @@
+"""The demo: the same walk twice, in parallel, without and with identification.
+
+HyQ crawls, and a heavy box is dropped onto a corner of its back. Both runs have the same controller, planner, sensors,
+errors and box. In one of them a supervisor has the load weighed, and passes the estimated trunk to controller and
+planner: while walking or, as in the paper, at rest.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import queue
+from collections.abc import Callable
+from concurrent.futures import Future, ProcessPoolExecutor
+from dataclasses import dataclass, fields
+from queue import Queue
+from typing import Any
+
+import numpy as np
+
+from stadera.errors import StaderaError
+from stadera.inertia import InertialParameters
+from stadera.lab.experiments.loaded_walk import (
+    LoadedWalk,
+    LoadedWalkCase,
+    LoadedWalkOutcome,
+    Supervision,
+    WalkOutcome,
+    box_at,
+)
+from stadera.lab.supervise.supervisor import Supervisor
+from stadera.results import finite_or_none
+from stadera.robot import load_robot
+from stadera.trunk.load import plain
+from stadera.types import Array, Bools
+
+PERIODS = 40
+"""Periods of 1 ms between two frames: 25 frames a second."""
+
+
+@dataclass(frozen=True, eq=False)
+class Film:
+    """k frames; world axes and metres, unless stated otherwise."""
+
+    time: Array  # (k,) [s]
+    trunk: Array  # (k, 7), position of the trunk's origin, and its orientation as a quaternion xyzw
+    joints: Array  # (k, n) [rad], in the tree's order
+    box: Array  # (k, 7), the same for the box; NaN while there is none
+    feet: Array  # (k, 4, 3), centres of the feet
+    force: Array  # (k, 4, 3) [N], of the ground on them
+    down: Bools  # (k, 4) bool, feet of the support polygon
+    limited: Bools  # (k, n) bool, joints whose torque is at its limit
+    com: Array  # (k, 3), true centre of mass of the whole robot with its load
+    model: Array  # (k, 3), that used by controller and planner
+    margin: Array  # (k,), of the true centre of mass inside the support polygon; NaN on fewer than three feet
+    mass: Array  # (k, 3) [kg], of the trunk with its load: true, used by controller and planner, and estimated
+    trunk_com: Array  # (k, 3, 2), the same of its centre of mass in x and y, trunk frame
+    std: Array  # (k, 3), of the estimates of mass [kg], x and y. NaN for quantities without a present estimate.
+    state: tuple[str, ...]  # (k,) state of the supervisor; without one, the crawl's phase
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+
+class Camera:
+    """Records a frame of a walk every `PERIODS`."""
+
+    def __init__(self) -> None:
+        self._periods = -1
+        self._frames: dict[str, list[Array]] = {field.name: [] for field in fields(Film)}
+        self._states: list[str] = []
+
+    def look(self, walk: LoadedWalk) -> None:
+        """Records a frame, if it is due."""
+        self._periods += 1
+        if self._periods % PERIODS == 0:
+            self._take(walk)
+
+    def film(self) -> Film:
+        arrays = {name: np.array(frames) for name, frames in self._frames.items() if name != "state"}
+        arrays |= {name: arrays[name].astype(bool) for name in ("down", "limited")}
+        return Film(**arrays, state=tuple(self._states))  # type: ignore[arg-type]
+
+    def _take(self, walk: LoadedWalk) -> None:
+        plant, controller, supervisor = walk.bed.plant, walk.crawl.controller, walk.supervisor
+        state, truth, trunk = plant.state, plant.truth(), controller.trunk.model
+        com, R, p = walk.monitor.com(), state.rotation, state.position
+        # the legs' contribution is the same in both, so the two differ by the trunk's
+        moment = (truth.mass + controller.legs.leg_mass) * (R.T @ (com - p)) - truth.first_moment
+        modelled = p + R @ ((moment + trunk.mass * trunk.com_trunk) / (trunk.mass + controller.legs.leg_mass))
+        weighed, std = _weighed(supervisor)
+        values = {
+            "time": state.time,
+            "trunk": [*p, *state.orientation],
+            "joints": state.joint_position,
+            "box": plant.box_poses[0] if plant.box_poses else np.full(7, np.nan),
+            "feet": state.foot_position,
+            "force": state.foot_force,
+            "down": walk.monitor.carrying(),
+            "limited": walk.monitor.at_limit(),
+            "com": com,
+            "model": modelled,
+            "margin": walk.monitor.margin(),
+            "mass": [truth.mass, trunk.mass, weighed[0]],
+            "trunk_com": [truth.com[:2], trunk.com_trunk[:2], weighed[1:]],
+            "std": std,
+        }
+        for name, value in values.items():
+            self._frames[name].append(np.array(value, dtype=float))
+        self._states.append(str(walk.crawl.phase if supervisor is None else supervisor.state))
+
+
+def _weighed(supervisor: Supervisor | None) -> tuple[Array, Array]:
+    """Present estimate of the trunk's mass, x and y, and standard deviations; NaN where there is none."""
+    if supervisor is None or supervisor.estimate is None:
+        return np.full(3, np.nan), np.full(3, np.nan)
+    return supervisor.estimate.value[:3], supervisor.estimate.std[:3]
+
+
+Progress = Callable[[str, float, str], None]
+"""Called with a run's name, its progress (0 to 1), and the robot's activity."""
+
+Message = tuple[str, float, str]
+
+
+@dataclass(frozen=True)
+class DemoSettings:
+    """Settings of the demo."""
+
+    robot: str = "hyq"
+    mass: float = 30.0  # of the box [kg]
+    corner: str = "LF"  # of the back, onto which it is dropped
+    size: tuple[float, float, float] = (0.14, 0.14, 0.2)  # of the box [m]
+    height: float = 0.02  # above the back, from which it is dropped [m]
+    load_at: float = 3.5  # time of the drop [s]; by default while the right-hind leg swings
+    seconds: float | None = None  # of each run; None for 10, or 14 if the robot stops to weigh
+    after_fall: float = 1.5  # time for which a fallen robot is recorded, with its drives braking [s]
+    speed: float = 0.12  # [m/s]
+    seed: int = 0  # of the sensors' errors
+    classic: bool = False  # stop and weigh at rest, as in the paper, instead of weighing while walking
+
+    @property
+    def supervisions(self) -> tuple[Supervision, Supervision]:
+        """Supervision of the two runs, in their order."""
+        return Supervision.NONE, Supervision.STOPPING if self.classic else Supervision.NONSTOP
+
+    @property
+    def duration(self) -> float:
+        """Duration of each run [s]."""
+        return self.seconds or (14.0 if self.classic else 10.0)
+
+
+@dataclass(frozen=True, eq=False)
+class DemoRun:
+    """One of the two runs: its outcome and its frames."""
+
+    outcome: LoadedWalkOutcome
+    film: Film
+
+    @property
+    def name(self) -> str:
+        return str(self.outcome.case.supervision)
+
+
+@dataclass(frozen=True, eq=False)
+class DemoResult:
+    """Both runs, in the order of `DemoSettings.supervisions`."""
+
+    settings: DemoSettings
+    without: DemoRun
+    identified: DemoRun
+
+    @property
+    def runs(self) -> tuple[DemoRun, DemoRun]:
+        return self.without, self.identified
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values: the JSON of `stadera demo`."""
+        return demo_dict(self)
+
+
+def run_demo(settings: DemoSettings | None = None, progress: Progress | None = None) -> DemoResult:
+    """Makes both runs in parallel, in spawned processes: a script needs the usual `if __name__ == "__main__"`."""
+    settings, context = settings or DemoSettings(), multiprocessing.get_context("spawn")
+    ways = settings.supervisions
+    with context.Manager() as manager, ProcessPoolExecutor(len(ways), context) as pool:
+        messages = manager.Queue()
+        futures = [pool.submit(_run, settings, way, messages) for way in ways]
+        _report(messages, futures, progress)
+        runs = [future.result() for future in futures]
+    for run in runs:
+        if isinstance(run, str):
+            raise StaderaError(run)
+    return DemoResult(settings, *runs)  # type: ignore[arg-type]
+
+
+def one_run(settings: DemoSettings, supervision: Supervision, progress: Progress | None = None) -> DemoRun:
+    """Makes one of the two runs in this process."""
+    robot = load_robot(settings.robot)
+    box = box_at(robot, settings.corner, settings.mass, settings.size, settings.height)
+    case = LoadedWalkCase(
+        robot=settings.robot,
+        payload=box,
+        load_at=settings.load_at,
+        supervision=supervision,
+        seconds=settings.duration,
+        speed=settings.speed,
+        seed=settings.seed,
+    )
+    walk, camera, name = LoadedWalk(case), Camera(), str(supervision)
+    periods = 0
+
+    def watch(walk: LoadedWalk) -> None:
+        nonlocal periods
+        camera.look(walk)
+        if progress and periods % 100 == 0:
+            doing = str(walk.crawl.phase if walk.supervisor is None else walk.supervisor.state)
+            progress(name, walk.bed.plant.time / settings.duration, doing)
+        periods += 1
+
+    outcome = walk.run(watch)
+    if outcome.verdict.outcome is WalkOutcome.FELL:
+        _lie_down(walk, camera, settings.after_fall)
+    if progress:
+        progress(name, 1.0, str(outcome.verdict.outcome))
+    return DemoRun(outcome, camera.film())
+
+
+def _lie_down(walk: LoadedWalk, camera: Camera, seconds: float) -> None:
+    """Records the robot after a fall, when the outcome is known, with its drives braking."""
+    walk.give_up("it has fallen")
+    for _ in range(round(seconds / walk.bed.plant.timestep)):
+        walk.step()
+        camera.look(walk)
+
+
+def _run(settings: DemoSettings, way: Supervision, messages: Queue[Message]) -> DemoRun | str:
+    """Makes the run; returns an error as text, since not every exception can be passed between processes."""
+    from threadpoolctl import threadpool_limits
+
+    with threadpool_limits(1):  # two runs, two cores
+        try:
+            return one_run(settings, way, lambda *message: messages.put(message))
+        except StaderaError as error:
+            return str(error)
+
+
+def _report(messages: Queue[Message], futures: list[Future[DemoRun | str]], progress: Progress | None) -> None:
+    """Passes on the processes' messages until they are done."""
+    while True:
+        try:
+            message = messages.get(timeout=0.1)
+        except queue.Empty:
+            if all(future.done() for future in futures):
+                return
+            continue
+        if progress:
+            progress(*message)
+
+
+KNOWN = (0.1, 0.03)
+"""Accuracy at which the trunk counts as known: two standard deviations of its mass, as a share of the robot's, and of
+its centre of mass in x and y [m].
+"""
+
+
+def demo_dict(result: DemoResult) -> dict[str, Any]:
+    """Both runs as plain values: SI units, trunk frame, times relative to the drop of the box, null for unobserved
+    quantities.
+
+    Keys: robot, seed, load, without, with, runs, units. Of each run: outcome (walked, stuck or fell), reasons,
+    fell_after, distance (ahead since the load), commanded, steps_lost (null after a fall), least_margin and outside (of
+    the true centre of mass in the support polygon), mass_error and com_error (of the trunk as controller and planner
+    have it at the end, its centre of mass in x and y), trunk, truth; of the one with identification also noticed_after,
+    updated_after, known_after, payload and transitions. `runs` has both by the supervisor's name, each with all
+    of these, survived (that it walked), fall, state and steps.
+    """
+    settings, load = result.settings, true_load(result.identified.outcome)
+    return {
+        "robot": settings.robot,
+        "seed": settings.seed,
+        "load": {"mass": load.mass, "com": plain(load.com), "corner": settings.corner, "time": settings.load_at},
+        "without": _outcome(result.without.outcome),
+        "with": _outcome(result.identified.outcome) | _reaction(result.identified),
+        "runs": {run.name: _outcome(run.outcome) | _reaction(run) | _course(run.outcome) for run in result.runs},
+        "units": {"time": "s", "mass": "kg", "com": "m", "margin": "m", "distance": "m"},
+    }
+
+
+def _outcome(outcome: LoadedWalkOutcome) -> dict[str, Any]:
+    trace, model, truth = outcome.trace, outcome.model, outcome.truth
+    return {
+        "outcome": str(outcome.verdict.outcome),
+        "reasons": list(outcome.verdict.reasons),
+        "fell_after": None if trace.fall is None else trace.fall.time - trace.loaded_at,
+        "distance": trace.distance,
+        "commanded": trace.commanded,
+        "steps_lost": trace.steps_lost if trace.fall is None else None,
+        "least_margin": finite_or_none(outcome.least_margin_ever),
+        "outside": outcome.outside,
+        "mass_error": model.mass - truth.mass,
+        "com_error": outcome.com_error,
+        "trunk": {"mass": model.mass, "com": plain(model.com_trunk)},
+        "truth": {"mass": truth.mass, "com": plain(truth.com)},
+    }
+
+
+def _reaction(run: DemoRun) -> dict[str, Any]:
+    outcome = run.outcome
+    payload, trunk = outcome.payload, load_robot(outcome.case.robot).trunk
+    return {
+        "noticed_after": finite_or_none(outcome.noticed_after),
+        "updated_after": outcome.updated_after,
+        "known_after": known_after(run),
+        "payload": None if payload is None else payload.to_dict(trunk, {}),
+        "transitions": [transition.to_dict() for transition in outcome.transitions],
+    }
+
+
+def _course(outcome: LoadedWalkOutcome) -> dict[str, Any]:
+    trace = outcome.trace
+    return {
+        "survived": outcome.verdict.outcome is WalkOutcome.WALKED,
+        "fall": None if trace.fall is None else {"time": trace.fall.time, "how": trace.fall.how},
+        "state": str(outcome.state),
+        "steps": list(trace.steps),
+    }
+
+
+def known_after(run: DemoRun) -> float | None:
+    """Time from the drop until the trunk was known to `KNOWN`, and stayed so [s]; None if it never was."""
+    loaded_at, film = run.outcome.trace.loaded_at, run.film
+    share, length = KNOWN
+    limits = np.array([share * load_robot(run.outcome.case.robot).mass, length, length])
+    known = (2.0 * film.std <= limits).all(axis=1)
+    unknown = np.flatnonzero(~known & (film.time >= loaded_at))
+    first = int(np.searchsorted(film.time, loaded_at)) if not len(unknown) else int(unknown[-1]) + 1
+    return float(film.time[first] - loaded_at) if first < len(film) else None
+
+
+def true_load(outcome: LoadedWalkOutcome) -> InertialParameters:
+    """The load on the trunk at the end, trunk frame."""
+    return outcome.truth - outcome.bare

@@ -1,1 +1,0 @@
-"""Report of the demo: terminal, page and plots."""
