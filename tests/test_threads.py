@@ -7,7 +7,7 @@ import pytest
 from threadpoolctl import threadpool_info
 
 import stadera
-from stadera.threads import one_thread
+from stadera.process import one_thread
 
 
 def threads() -> list[int]:

@@ -27,7 +27,7 @@ from scipy.linalg import lapack
 
 from stadera.body.rows import Rows
 from stadera.errors import IdentificationError, UnknownNameError
-from stadera.threads import one_thread
+from stadera.process import one_thread
 from stadera.types import Array
 
 Places = NDArray[np.intp]

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from stadera.fleet.pool import attempted, attempted_by_worker
-from stadera.garbage import collect_rarely
+from stadera.process import collect_rarely
 
 GROWN = """
 import sys

@@ -13,7 +13,7 @@ from pyarrow import csv
 
 from stadera.errors import RecordingError
 from stadera.logs import read, stream
-from stadera.logs.batches import RowClock
+from stadera.logs.stamps import RowClock
 
 PERIOD = 0.002
 

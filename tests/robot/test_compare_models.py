@@ -13,9 +13,9 @@ from robot_files import quadruped, write
 from stadera.inertia import InertialParameters
 from stadera.robot import JointDynamics, load_robot
 from stadera.robot.actuators import actuators_yaml
-from stadera.robot.compare import differences
 from stadera.robot.export import export_model
 from stadera.robot.model import Frame
+from stadera.robot.values import differences
 
 
 def test_a_robot_equals_itself_and_its_copy(tmp_path: Path) -> None:

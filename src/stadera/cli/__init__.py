@@ -18,7 +18,7 @@ INTERRUPTED = 130
 def main(arguments: Sequence[str] | None = None) -> None:
     """Runs the command given by the arguments (None: the process's), and exits with the exit code."""
     if arguments is None:  # not called by another program
-        from stadera.garbage import collect_rarely
+        from stadera.process import collect_rarely
 
         collect_rarely()
     from stadera.cli.app import app

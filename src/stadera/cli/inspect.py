@@ -80,7 +80,7 @@ def _compare(first: str, second: str, limits: "Limits", shape: ModelOptions) -> 
     from stadera.errors import ModelError, UntrustedError
     from stadera.report.inspect import comparison
     from stadera.report.numbers import counted
-    from stadera.robot.compare import differences
+    from stadera.robot.values import differences
 
     for target in (first, second):
         if not _is_robot(target):

@@ -24,7 +24,7 @@ from typing import Any, TypeVar
 import stadera
 from stadera.boundary import foreign
 from stadera.errors import MissingExtraError, StaderaError, require_positive
-from stadera.garbage import collect_rarely, keep_loaded
+from stadera.process import collect_rarely, keep_loaded
 
 Task = TypeVar("Task")
 Found = TypeVar("Found")

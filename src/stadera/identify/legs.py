@@ -38,9 +38,9 @@ from stadera.information import Information
 from stadera.logs.reader import Log, as_logs
 from stadera.logs.recording import Recording
 from stadera.logs.topics import LogFile
+from stadera.process import one_thread
 from stadera.robot.load import load_robot
 from stadera.robot.model import Robot
-from stadera.threads import one_thread
 from stadera.trunk.result import TrunkParameters
 from stadera.trust import Trust
 from stadera.types import Progress

@@ -24,8 +24,8 @@ from stadera.logs import stream, take
 from stadera.logs.reader import Log, as_log
 from stadera.logs.recording import Recording, with_velocity
 from stadera.logs.topics import LogFile, Topics
+from stadera.process import one_thread
 from stadera.robot.model import Robot
-from stadera.threads import one_thread
 from stadera.weigh.reading import with_extra_joints
 
 

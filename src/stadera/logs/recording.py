@@ -268,9 +268,9 @@ class Recording:
 
         UnknownNameError if a joint, RecordingError if the channel is not recorded.
         """
-        if getattr(self, name) is None:
+        if (values := getattr(self, name)) is None:
             raise RecordingError(f"{self.source}: no column '{joints[0]}.{name}'; the log has no joint {name}")
-        return np.asarray(getattr(self, name)[:, [self.index(joint) for joint in joints]])
+        return np.asarray(values[:, [self.index(joint) for joint in joints]])
 
     def index(self, joint: str) -> int:
         """Column index of a joint; UnknownNameError if it is not recorded."""

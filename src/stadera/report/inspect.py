@@ -15,8 +15,8 @@ from stadera.report.table import SHOWN, Cell, Row, TableData, notes, rich_table
 
 if TYPE_CHECKING:
     from stadera.logs.summary import LogSummary
-    from stadera.robot.compare import Difference
     from stadera.robot.model import Robot
+    from stadera.robot.values import Difference
     from stadera.weigh.weigh import Inspection
 
 

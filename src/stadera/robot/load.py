@@ -18,9 +18,9 @@ from stadera.robot.extra import ExtraJoints
 from stadera.robot.legs import Chain, find_legs
 from stadera.robot.model import Frame, JointLimits, Leg, Robot, Shape, Tree
 from stadera.robot.modelfile import ModelFile, rooted_at
-from stadera.robot.sense import check_sense
 from stadera.robot.shapes import FLAT, find_foot, find_sole, fitted_shapes
 from stadera.robot.sole import find_wheel, with_unfelt
+from stadera.robot.values import check_sense
 from stadera.robot.xml import Document, read_xml
 from stadera.types import Array, Progress
 

@@ -12,10 +12,10 @@ from stadera.errors import IdentificationError, RecordingError, StaderaError, Un
 from stadera.logs.columns import HALF_IMU
 from stadera.logs.reader import Log, as_log
 from stadera.logs.recording import Recording
+from stadera.process import one_thread
 from stadera.robot import load_robot
 from stadera.robot.limbs import place_of
 from stadera.robot.model import Robot
-from stadera.threads import one_thread
 from stadera.trunk.memory import Memory
 from stadera.trunk.registry import method_of
 from stadera.trust import Trust
