@@ -366,9 +366,13 @@ def test_one_leg(tmp_path: Path) -> None:
         ("g1_description/urdf/g1_29dof_rev_1_0.urdf", ["left", "right"], 6, 6, 17),
         ("talos_data/robots/talos_full_v2.urdf", ["left", "right"], 6, 6, 32),
         ("bolt_description/robots/bolt.urdf", ["LF", "RF"], 3, 3, 0),
+        ("solo_description/robots/solo.urdf", ["LF", "RF", "LH", "RH"], 2, 3, 0),
+        ("quadruped_description/urdf/quadruped.urdf", ["LF", "RF", "LH", "RH"], 2, 3, 0),
+        ("centauro_description/urdf/centauro.urdf", ["leg1", "leg2", "leg3", "leg4"], 6, 3, 15),
+        ("alexander_description/urdf/alexander_v1.lowerBodyOnly.urdf", ["left", "right"], 6, 6, 1),
     ],
 )
-def test_roles_of_robots_with_two_legs(file: str, legs: list[str], joints: int, contact: int, others: int) -> None:
+def test_roles_of_robots_of_many_kinds(file: str, legs: list[str], joints: int, contact: int, others: int) -> None:
     folder = _example_robot_data()
     if folder is None:
         pytest.skip("example-robot-data is not installed")
@@ -376,6 +380,21 @@ def test_roles_of_robots_with_two_legs(file: str, legs: list[str], joints: int, 
     assert [leg.name for leg in robot.legs] == legs
     assert {(len(leg.joints), leg.contact) for leg in robot.legs} == {(joints, contact)}
     assert (0 if robot.extra is None else len(robot.extra.joints)) == others
+
+
+@pytest.mark.parametrize(
+    ("file", "why"),
+    [
+        ("human_description/robots/human.urdf", "fewer than two other chains reach down along its -z axis"),  # y is up
+        ("alex_description/urdf/alex_nub_hands.urdf", "chains on it .joints.: SpineYaw .10."),  # the upper body
+        ("cassie_description/robots/cassie.sdf", "root element <sdf>; a URDF has <robot>"),
+    ],
+)
+def test_models_without_legs_that_can_be_read_are_refused(file: str, why: str) -> None:
+    folder = _example_robot_data()
+    if folder is None:
+        pytest.skip("example-robot-data is not installed")
+    assert re.search(why, _refused(folder / file))
 
 
 def test_a_leg_of_four_joints(tmp_path: Path) -> None:

@@ -180,8 +180,9 @@ def _not_four(file: ModelFile, chains: list[list[int]], found: int) -> str:
         if (name := _name_from_words(file, chain)) and not _is_leg(file, chain)
     ]
     listed = ", ".join(f"{file.joint(chain[0]).name} ({len(chain)})" for chain in chains) or "none"
+    low = "" if wrong else ", and fewer than two other chains reach down along its -z axis"
     return (
         f"{file.path}: {''.join(wrong)}trunk {file.trunk!r} has {found} leg{'s' * (found != 1)} of three revolute "
-        f"joints, a quadruped has 4; chains on it (joints): {listed}; --feet and --trunk name them where they are not "
-        "found"
+        f"joints, a quadruped has 4{low}; chains on it (joints): {listed}; --feet and --trunk name them where they are "
+        "not found"
     )
