@@ -10,8 +10,8 @@ The contacts together carry the wrench that trunk and links need, G f = w; of al
 taken, f = Gᵀ (G Gᵀ)⁻¹ w. Torques are then τ = h - Jᵀ f, see `stadera.body.tree`.
 
 What a motion tells of a payload are the error bars of `TrunkEstimator` on a made log. The log is that of the robot as
-it may be: its errors are drawn from the estimator's own prior (`ModelErrors`), its sensors have the noise of
-`SensorNoise`. The robot does the motion without a load, is tared, and does it again with one.
+it may be: its errors are drawn from the estimator's own prior (`ModelErrors`), its sensors have the noise of the
+paper's test-bed. The robot does the motion without a load, is tared, and does it again with one.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from scipy.spatial.transform import Rotation
 
 from stadera.body import Body, Motion, State
 from stadera.constants import GRAVITY
-from stadera.errors import IdentificationError, require_positive
+from stadera.errors import IdentificationError
 from stadera.excite.sinusoids import Sinusoids
 from stadera.inertia import InertialParameters, skews
 from stadera.robot.kinematics import leg_kinematics
@@ -141,25 +141,6 @@ def _joints(robot: Robot, turn: Array, shift: Array, solved: float = 1e-7) -> Ar
 
 
 @dataclass(frozen=True)
-class SensorNoise:
-    """White noise of a sample, standard deviations: those of the paper's test-bed.
-
-    Attributes:
-        position, velocity: [rad, rad/s]. effort: share of the joint's limit [1].
-        gyro, accelerometer: [rad/s, m/s²].
-    """
-
-    position: float = 2e-4
-    velocity: float = 0.02
-    effort: float = 0.0033
-    gyro: float = 0.003
-    accelerometer: float = 0.05
-
-    def __post_init__(self) -> None:
-        require_positive("noise", self, tuple(vars(self)))
-
-
-@dataclass(frozen=True)
 class Bars:
     """Standard deviations of a payload.
 
@@ -183,23 +164,28 @@ class Bars:
         return cls(mass, scale, (com[0], com[1], com[2]))
 
 
+_NOISE = {"position": 2e-4, "velocity": 0.02, "effort": 0.0033, "gyro": 0.003, "accelerometer": 0.05}
+"""White noise of a sample, one standard deviation [rad, rad/s, share of the joint's limit, rad/s, m/s²], as on the
+paper's test-bed.
+"""
+
+
 class Drawn:
     """A robot as it may be, with errors drawn from the estimator's prior.
 
     Args:
         robot: the model that the estimator has.
         rng: of the draw.
-        noise: of the sensors.
 
     Attributes:
         true: the robot itself.
     """
 
-    def __init__(self, robot: Robot, rng: np.random.Generator, noise: SensorNoise | None = None) -> None:
+    def __init__(self, robot: Robot, rng: np.random.Generator) -> None:
         model = ErrorModel(robot, ModelErrors(), robot.leg_length)
         drawn = rng.multivariate_normal(np.zeros(model.layout.count), model.covariance, method="eigh")
         self._p = {name: drawn[place] for name, place in model.layout.places.items()}
-        self._model, self._noise, self._limit = robot, noise or SensorNoise(), model.limit
+        self._model, self._limit = robot, model.limit
         self._seed = int(rng.integers(2**32))
         self._order = [robot.tree.joints.index(joint) for leg in robot.legs for joint in leg.joints]
         self.true = self._robot()
@@ -228,7 +214,7 @@ class Drawn:
 
     def measured(self, planted: Planted, payload: InertialParameters | None = None) -> Samples:
         """What the sensors say while `true` moves, with or without a payload on its trunk."""
-        p, noise, motion = self._p, self._noise, planted.motion
+        p, motion = self._p, planted.motion
         rng, order = np.random.default_rng(self._seed), self._order
         trunk = self.true.inertias[self.true.trunk]
         effort, _ = planted.torques(trunk if payload is None else trunk + payload)
@@ -248,11 +234,11 @@ class Drawn:
 
         return Samples(
             planted.time,
-            noisy(motion.position + zero, noise.position),
-            noisy(motion.velocity, noise.velocity),
-            noisy(late * scale, noise.effort * limit),
-            noisy(w @ turned, noise.gyro),
-            noisy(force @ turned + p["accelerometer"], noise.accelerometer),
+            noisy(motion.position + zero, _NOISE["position"]),
+            noisy(motion.velocity, _NOISE["velocity"]),
+            noisy(late * scale, _NOISE["effort"] * limit),
+            noisy(w @ turned, _NOISE["gyro"]),
+            noisy(force @ turned + p["accelerometer"], _NOISE["accelerometer"]),
         )
 
 
