@@ -293,7 +293,7 @@ def routine_html(result: Routine) -> str:
         next=(
             f"Write a script that plays it: `stadera excite --robot {robot} --trunk --for unitree --out play.py`.",
             "Record joints, torques and IMU while the robot does it, stop, put the load on, and let it do it again.",
-            f"`stadera weigh LOG --robot {robot} --tare 0:{seconds}`",
+            f"Weigh the load: `stadera weigh LOG --robot {robot} --tare 0:{seconds}`.",
         ),
         film=script_data(json.dumps(film(result), separators=(",", ":"))),
         trunk=trunk_table(result),
