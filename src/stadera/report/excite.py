@@ -140,7 +140,7 @@ def excitation_html(result: Excitation) -> str:
     return render(
         "excite.html.j2",
         title=f"Excitation: {bounds.robot.name} {bounds.leg}",
-        headline=f"{number(settings.duration)} s of this motion of {bounds.leg} determine {result.chosen.rank} of "
+        headline=f"{settings.duration:g} s of this motion of {bounds.leg} determine {result.chosen.rank} of "
         f"{len(result.combinations)} combinations of its parameters better than CAD does.",
         level="note",
         word="Within the limits",
@@ -181,10 +181,10 @@ def _facts(result: Excitation) -> dict[str, str]:
         "Robot": result.experiment.bounds.robot.name,
         "Leg": f"{result.experiment.bounds.leg}, trunk held level",
         "Motion": "the paper's random draw" if settings.random else "Fourier series, optimised",
-        "Duration": f"{number(settings.duration)} s, from rest to rest",
-        "Table": f"{number(settings.rate)} Hz",
+        "Duration": f"{settings.duration:g} s, from rest to rest",
+        "Table": f"{settings.rate:g} Hz",
         "Torque noise": f"{noise} N·m for one sample",
-        "Ground": "not given" if height is None else f"{number(height)} m below the trunk's origin",
+        "Ground": "not given" if height is None else f"{height:g} m below the trunk's origin",
         "Least distance": near if np.isfinite(distance) else "the model has no shapes",
         "Seed": str(settings.seed),
     }
