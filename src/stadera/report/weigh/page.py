@@ -201,7 +201,8 @@ def _headline(result: Comparison) -> str:
         return f"{name.capitalize()} {with_std(*mass[0].tolist())} kg by {weighed[0][0].label}; {what}."
     low, high = (number(float(end), 3) for end in (mass[:, 0].min(), mass[:, 0].max()))
     methods = listed([each.label for each, _ in weighed])
-    return f"{name.capitalize()} between {low} and {high} kg by {methods}."
+    between = f"{low} kg" if low == high else f"between {low} and {high} kg"
+    return f"{name.capitalize()} {between} by {methods}."
 
 
 def _row(each: Compared) -> Row:
