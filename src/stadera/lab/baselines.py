@@ -138,7 +138,6 @@ class SignalBaseline(StepEstimator):
         self._now = TrunkEstimate(now.time, now.trunk, now.covariance, Status.REFUSED, reason)
 
     def _prior(self) -> Array:
-        """The ten parameters of the start, (10,)."""
         inertia = self._start.inertia_com
         if inertia is None:
             inertia = self.robot.inertias[self.robot.trunk].inertia_com

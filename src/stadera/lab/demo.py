@@ -27,7 +27,7 @@ from stadera.lab.experiments.loaded_walk import (
     WalkOutcome,
     box_at,
 )
-from stadera.lab.supervise.supervisor import Supervisor
+from stadera.lab.supervise.supervisor import NonstopSupervisor, StoppingSupervisor
 from stadera.results import finite_or_none
 from stadera.robot import load_robot
 from stadera.trunk.load import plain
@@ -109,7 +109,7 @@ class Camera:
         self._states.append(str(walk.crawl.phase if supervisor is None else supervisor.state))
 
 
-def _weighed(supervisor: Supervisor | None) -> tuple[Array, Array]:
+def _weighed(supervisor: NonstopSupervisor | StoppingSupervisor | None) -> tuple[Array, Array]:
     """Present estimate of the trunk's mass, x and y, and standard deviations; NaN where there is none."""
     if supervisor is None or supervisor.estimate is None:
         return np.full(3, np.nan), np.full(3, np.nan)
@@ -245,7 +245,6 @@ def _run(settings: DemoSettings, way: Supervision, messages: Queue[Message]) -> 
 
 
 def _report(messages: Queue[Message], futures: list[Future[DemoRun | str]], progress: Progress | None) -> None:
-    """Passes on the processes' messages until they are done."""
     while True:
         try:
             message = messages.get(timeout=0.1)

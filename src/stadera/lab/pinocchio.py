@@ -49,7 +49,6 @@ def _joint_model(axis: Array) -> Any:
 
 
 def _set_joint_values(robot: Robot, model: Any) -> None:
-    """Sets joint dynamics and limits; the free-flyer's are zero and infinite."""
     joints = robot.tree.joints
     armature, viscous, coulomb, _ = np.array([astuple(robot.dynamics[joint]) for joint in joints]).T
     lower, upper, velocity, effort = np.array([astuple(robot.limits[joint]) for joint in joints]).T

@@ -249,8 +249,6 @@ def _at(time: Array, values: Array, when: Array) -> Array:
 
 
 class _Simulated:
-    """One model, held at the trunk."""
-
     def __init__(
         self, drive: Drive, joints: tuple[str, ...], up: Array, timestep: float, gains: PdGains | None
     ) -> None:
@@ -301,7 +299,6 @@ class _Simulated:
         return out
 
     def _state(self, driven: Processed, begin: float) -> Array:
-        """Dahl state of each joint at `begin`."""
         before = driven.time <= begin
         columns = driven.position[:, self.order][before].T
         return np.array([presliding(q, x)[-1] if x else 0.0 for q, x in zip(columns, self.travel, strict=True)])

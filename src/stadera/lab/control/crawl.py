@@ -214,7 +214,6 @@ class Crawl(Gait):
         return SupportPolygon.of(np.delete(self.controller.feet, self._steps.leg, axis=0))
 
     def _margin(self) -> float:
-        """Margin of the modelled centre of mass in the coming triangle [m]."""
         return self._triangle().margin(self._planned.com)
 
     def _put_step_off(self, time: float) -> None:
@@ -382,7 +381,6 @@ class BodyReference:
 
     @property
     def _ground(self) -> float:
-        """Height of the feet in stance [m]."""
         controller = self._controller
         return float(controller.feet[controller.stance, 2].mean())
 

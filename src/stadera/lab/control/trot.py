@@ -147,7 +147,6 @@ class Trot(Gait):
         self._relieve()
 
     def _follow_command(self, dt: float) -> None:
-        """Advances velocity, heading and position of the reference."""
         c, s = self.controller, self.settings
         most = s.acceleration * dt
         vx, vy = (now + _within(asked - now, most) for now, asked in zip(self._velocity, self._asked, strict=True))

@@ -391,7 +391,6 @@ class TrunkController(Follower):
         return dt
 
     def _limits(self) -> list[float]:
-        """Limits of the feet's normal forces now [N]."""
         return [np.inf if ramp is None else ramp.at(self.time) for ramp in self._ramps]
 
     def _rolled(self, joint_position: Array, rotation: Array, state: LegState) -> Array:

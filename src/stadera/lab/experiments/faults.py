@@ -272,7 +272,6 @@ def _percent(outcome: Outcome) -> float:
 
 
 def _silent(pairs: _Pairs) -> TableData:
-    """All errors beyond 5 σ, the worst first."""
     found = [(worst(outcome["errors"]), case, outcome) for case, outcome in pairs if outcome["status"] == "silent"]
     rows: list[Row] = []
     for sigma, case, outcome in sorted(found, key=lambda entry: -entry[0]):

@@ -71,7 +71,6 @@ def identified(case: IdentifiedCase, logs: Path | None = None) -> dict[str, Any]
 
 
 def _log(case: IdentifiedCase, robot: Robot, draw: int, scenario: str, logs: Path | None) -> tuple[Recording, Truth]:
-    """A log and its truth, stored earlier or simulated now."""
     tiny = Load(1e-3 * robot.mass)  # of the scenario, that comes after the log's end
     settings = SimulateSettings(_ERRORS, tiny, duration=case.seconds, seed=draw, load_time=case.seconds + 1.0)
     name = f"{case.robot}-{scenario}-{case.seconds:g}-{case.seed}"

@@ -130,7 +130,6 @@ class LegRuns:
 
 
 def _thinnest(robot: Robot, link: str) -> float:
-    """A link's smallest radius of gyration [m]."""
     body = positive_definite(robot.inertias[link])
     second = body.shifted(-body.com).pseudo_inertia[:3, :3]
     return float(np.sqrt(np.linalg.eigvalsh(second).min() / body.mass))
@@ -242,7 +241,6 @@ _FIG4, _PLAIN = Paper.of("fig4"), ("prior", "identified")
 
 
 def _predicted(case: LegCase) -> Identification:
-    """Identifies on one motion, and predicts another."""
     runs, exact = case.runs, case.part == "none"
     truth = runs.paper_truth if exact else runs.physical_truth
     first, second = (runs.recorded(truth, motion) for motion in (runs.motion, runs.second_motion))

@@ -182,8 +182,6 @@ class _ByEncoders(TrunkController):
 
 
 class _StandingRun:
-    """A run in progress."""
-
     def __init__(self, case: StandingCase) -> None:
         self.case, self.times, self.robot = case, case.times, load_robot(case.robot)
         self.start = start_model(self.robot, case.start)
@@ -278,7 +276,6 @@ class _StandingRun:
             self._trace.append((time, bed.estimator.estimate().trunk.com_trunk))
 
     def _move(self, goal: TrunkPose) -> None:
-        """Moves the trunk without the estimator."""
         self.controller.move(goal, self.times.move)
         self.bed.run(self.times.move)
 

@@ -365,7 +365,6 @@ def _combination_table(found: Recovery) -> TableData:
 
 
 def _worth_table(worth: tuple[Worth, ...]) -> TableData:
-    """The motions side by side."""
     head = ("motion", "rank, no noise", "rank, noise", "observable, noise", "information gain [nat]")
     rows = [(w.motion, str(w.rank), str(w.noisy_rank), str(w.observable), f"{w.gain:.1f}") for w in worth]
     note = (

@@ -92,7 +92,6 @@ def _height_record(o: StandingOutcome) -> Record:
 
 
 def _share(o: StandingOutcome) -> float:
-    """The load as a share of the robot's weight."""
     return o.case.load / (load_robot(o.case.robot).mass * GRAVITY)
 
 
@@ -104,7 +103,6 @@ def _robot_records(o: StandingOutcome) -> Iterator[Record]:
 
 
 def _table(title: str, error: str, records: list[Record], note: str) -> TableData:
-    """One row for each method, one column for each load."""
     return crossed(
         title,
         records,
@@ -135,7 +133,6 @@ def _robots_table(others: Sequence[StandingOutcome]) -> TableData:
 
 
 def _convergence(outcomes: Sequence[StandingOutcome]) -> Figure:
-    """Convergence of each method under the largest load."""
     most = max(o.case.load for o in outcomes)
     panels = []
     for o in (o for o in outcomes if o.case.load == most):

@@ -45,8 +45,6 @@ def weigh_on_the_way(case: Table5Case) -> Outcome:
 
 
 class _LoadedRun:
-    """A walk with a weighing, followed by another weighing."""
-
     def __init__(self, case: Table5Case) -> None:
         self.case, self.times = case, case.times
         payload = weight_at(load_robot("hyq"), "LH", case.load) if case.load else None
@@ -94,7 +92,6 @@ class _LoadedRun:
         controller.move(home.moved(home.rotation @ pose.shift, pose.turn), duration)
 
     def _weighed(self, weighing: StandingWeighing) -> list[float]:
-        """Completes a weighing; returns the centre of mass in x and y."""
         while weighing.stage is not Stage.DONE:
             if weighing.stage is Stage.FAILED:
                 raise StaderaError(f"{self.case}: {weighing.reason}")

@@ -238,7 +238,6 @@ class Plant:
             self._virtual_moment += payload.force * (np.asarray(payload.position) - com)
 
     def _loaded_links(self) -> dict[str, InertialParameters]:
-        """Each link with what is fixed to it."""
         links = dict(self.robot.inertias)
         for payload in self._payloads:
             if isinstance(payload, RigidMass):
@@ -283,7 +282,6 @@ class Plant:
         data.qvel[v + 3 : v + 6] = data.qvel[3:6]
 
     def _box_pose(self, index: int) -> tuple[Array, Array]:
-        """Rotation and translation of a box's frame in the trunk frame."""
         body = self._model.body(box_body(index)).id
         trunk = np.array(self._data.xmat[self._trunk]).reshape(3, 3)
         rotation = trunk.T @ np.array(self._data.xmat[body]).reshape(3, 3)

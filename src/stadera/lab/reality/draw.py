@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any
 
@@ -187,18 +187,14 @@ class DrawnRobot:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values, SI units; joints by name, links with their true ten parameters."""
-        joints = self.robot.tree.joints
-        by_joint = {"torque_gain": self.torque_gain, "torque_offset": self.torque_offset}
-        by_joint |= {"encoder_zero": self.encoder_zero, "compliance": self.compliance}
+        joints, t = self.robot.tree.joints, self.terrain
+        by_joint = ("torque_gain", "torque_offset", "encoder_zero", "compliance")
         rest = {
-            f.name: getattr(self, f.name)
-            for f in fields(self)
-            if f.name not in ("robot", "terrain", "varying", *by_joint)
+            name: value for name, value in vars(self).items() if name not in ("robot", "terrain", "varying", *by_joint)
         }
-        t = self.terrain
         return {
             **{name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in rest.items()},
-            **{name: dict(zip(joints, values.tolist(), strict=True)) for name, values in by_joint.items()},
+            **{name: dict(zip(joints, vars(self)[name].tolist(), strict=True)) for name in by_joint},
             "joints": {joint: vars(self.robot.dynamics[joint]) for joint in joints},
             "links": {link: self.robot.inertias[link].vector.tolist() for link in self.robot.tree.links},
             "feet": {

@@ -119,7 +119,6 @@ def measured_log(
 
 
 def _spoil(channels: Sequence[Array], limit: Array, count: int, rng: np.random.Generator) -> None:
-    """Replaces `count` single values by outliers."""
     most = (
         _SPIKES.position,
         _SPIKES.velocity,

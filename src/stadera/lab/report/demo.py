@@ -201,7 +201,6 @@ def _over_time(
 
 
 def _spans(outcome: LoadedWalkOutcome) -> list[tuple[float, float, Mode]]:
-    """Begin, end and state of each state of the supervisor."""
     times = [t.time for t in outcome.transitions] + [float(outcome.trace.time[-1])]
     return [(t.time, end, t.after) for t, end in zip(outcome.transitions, times[1:], strict=True)]
 

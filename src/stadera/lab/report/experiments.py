@@ -101,7 +101,6 @@ def experiments_html(results: Sequence[ExperimentResult | Skipped]) -> str:
 
 
 def _verdict(missed: int, bounded: int) -> tuple[str, str, str, str]:
-    """Level, word, headline and reason."""
     if missed:
         why = "A bound that is missed is a measurement, not an error; why is said below."
         return "warning", f"{missed} missed", f"{bounded - missed} of {counted(bounded, 'bound')} met", why
@@ -119,7 +118,6 @@ def _next_steps(done: Sequence[ExperimentResult]) -> tuple[str, ...]:
 
 
 def _outcome(result: ExperimentResult | Skipped) -> tuple[str, str, str]:
-    """Level, word and sentence."""
     if isinstance(result, Skipped):
         return "warning", "Skipped", f"{result.name}: {result.reason}"
     level, word = ("warning", "Missed") if result.missed else ("note", "Met")
@@ -127,7 +125,6 @@ def _outcome(result: ExperimentResult | Skipped) -> tuple[str, str, str]:
 
 
 def _experiment(result: ExperimentResult) -> dict[str, object]:
-    """The template's values for one experiment."""
     records = compared_records(result)
     tables = [*result.tables, *([record_table(records)] if records else [])]
     coloured = next((table for table in tables if table.has_verdicts), None)

@@ -271,7 +271,6 @@ def _shake(bed: TestBed, settings: SimulateSettings) -> None:
 
 
 def _squats(robot: Robot, settings: SimulateSettings, duration: float) -> Sequence[ScriptEvent]:
-    """Down and up again, over and over."""
     down = np.array([0.0, 0.0, -DEFAULTS.depth * settings.amplitude * robot.leg_length])
     start: list[TrunkPose] = []
 

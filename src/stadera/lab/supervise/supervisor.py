@@ -197,18 +197,7 @@ class Supervisor:
         """All changes of state, in order."""
         return tuple(self._transitions)
 
-    @property
-    def payload(self) -> Payload | None:
-        """The payload since the tare; None before."""
-        raise NotImplementedError
-
-    @property
-    def estimate(self) -> TrunkEstimate | None:
-        """The present estimate, whether accurate enough for the controller or not; None before the first."""
-        raise NotImplementedError
-
     def _new_change(self) -> LoadChange | None:
-        """A change that the estimator has detected since the last call."""
         changes = self.estimator.changes
         if not changes or (self.noticed and changes[-1].noticed <= self.noticed[-1]):
             return None
@@ -300,7 +289,8 @@ class StopSettings:
 
 class StoppingSupervisor(Supervisor):
     """Stops the robot to weigh a changed load at rest, and passes the new trunk on once mass and centre of mass have
-    both converged. `forces` estimates the contact forces at rest.
+    both converged. `forces` estimates the contact forces at rest, `estimate` is that of the present or last weighing,
+    and `payload` since the beginning that of the last one that converged; None before the first.
     """
 
     settings = StopSettings()
@@ -310,18 +300,8 @@ class StoppingSupervisor(Supervisor):
         self.forces, self._how = ContactForceEstimator(robot), weighing or WeighingSettings()
         self._tare, self._restarts = self.trunk, 0
         self._weighing: StandingWeighing | None = None
-        self._estimate: TrunkEstimate | None = None
-        self._payload: Payload | None = None
-
-    @property
-    def payload(self) -> Payload | None:
-        """The payload since the beginning, from the last weighing that converged; None before."""
-        return self._payload
-
-    @property
-    def estimate(self) -> TrunkEstimate | None:
-        """Estimate of the present or last weighing; None before the first."""
-        return self._estimate
+        self.estimate: TrunkEstimate | None = None
+        self.payload: Payload | None = None
 
     @property
     def weighing(self) -> bool:
@@ -377,7 +357,7 @@ class StoppingSupervisor(Supervisor):
             self._again("" if change is None else _sentence(change))
             return
         weighing.update(m)
-        found = self._estimate = weighing.estimate
+        found = self.estimate = weighing.estimate
         if weighing.stage is Stage.FAILED:
             self._give_up(weighing.reason)
         elif found is not None and weighing.stage is Stage.COM and self.state is Mode.WEIGHING_MASS:
@@ -402,7 +382,7 @@ class StoppingSupervisor(Supervisor):
         elif not self.walker.update_trunk(trunk):
             self._stand("controller and planner refused the new trunk, both keep the last one")
         else:
-            self.trunk, self._payload = trunk, _payload_of_difference(self._tare, found)
+            self.trunk, self.payload = trunk, _payload_of_difference(self._tare, found)
 
     def _give_up(self, reason: str) -> None:
         self._weighing = None
