@@ -146,7 +146,7 @@ def smooth_rows(
                 yield time, values.reshape(len(time), -1).T
 
     half, seen = len(kernel) // 2, 0
-    sampling = Sampling(1 / rate_hz, even=True, tolerance=0.5, gap_factor=1.5)
+    sampling = Sampling(1 / rate_hz, even=True, tolerance=0.5)
     for block in windows(segments(flat(), sampling), half):
         seen = 0 if block.start else seen
         rows = len(block.time) - 2 * half

@@ -25,8 +25,7 @@ class Sampling:
 
     period: float  # mean step [s], over the even steps of an even log, or over all steps except gaps of an uneven one
     even: bool  # True if it can be filtered without interpolation
-    tolerance: float  # deviation of a step of an even log, as a share of the period
-    gap_factor: float  # number of periods above which a step of an uneven log is a gap
+    tolerance: float = 0.01  # deviation of a step of an even log, as a share of the period
 
     @property
     def rate_hz(self) -> float:
@@ -37,31 +36,23 @@ class Sampling:
         """Steps that split the log."""
         if self.even:
             return np.asarray(np.abs(steps - self.period) > self.tolerance * self.period)
-        return np.asarray(steps > self.gap_factor * self.period)
+        return np.asarray(steps > GAP_FACTOR * self.period)
 
 
-def sampling_of(
-    time: Array,
-    source: str = "recording",
-    tolerance: float = 0.01,
-    gap_factor: float = GAP_FACTOR,
-    even_share: float = 0.999,
-) -> Sampling:
+def sampling_of(time: Array, source: str = "recording", even_share: float = 0.999) -> Sampling:
     """Determines the sampling of a log from its first HEAD time stamps; RecordingError for fewer than two.
 
     Args:
         time: (samples,) [s], increasing. source: of the log, for messages.
-        tolerance, gap_factor: see Sampling.
         even_share: share of even steps in an even log; the few others split it instead of causing interpolation.
     """
     steps = np.diff(time[:HEAD])
     if not len(steps):
         raise RecordingError(f"{source}: too few samples: {len(time)}, at least 2 are needed")
     median = float(np.median(steps))
-    alike = np.abs(steps - median) <= tolerance * median
+    alike = np.abs(steps - median) <= Sampling.tolerance * median
     even = float(alike.mean()) >= even_share
-    period = float(steps[alike if even else steps <= gap_factor * median].mean())
-    return Sampling(period, even, tolerance, gap_factor)
+    return Sampling(float(steps[alike if even else steps <= GAP_FACTOR * median].mean()), even)
 
 
 @dataclass(frozen=True, eq=False)

@@ -89,10 +89,6 @@ class Units:
         """These units, completed by another's where they are unspecified."""
         return Units({**other.of, **self.of}, other.rate_hz if self.rate_hz is None else self.rate_hz)
 
-    def __str__(self) -> str:
-        rate = [] if self.rate_hz is None else [f"{self.rate_hz:g} rows a second"]
-        return ", ".join([*(f"{quantity} in {unit}" for quantity, unit in self.of.items()), *rate])
-
 
 def quantity_of(column: str) -> str:
     """The quantity of a column of the flat table, a key of `FACTORS`; empty for one without a unit."""

@@ -6,7 +6,7 @@ inertial, which is subtracted from the sum. Links and joints with unchanged valu
 stay as they are.
 """
 
-from collections.abc import Mapping
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +18,7 @@ from stadera.inertia import InertialParameters
 from stadera.limits import UNLIMITED
 from stadera.robot import urdf
 from stadera.robot.load import load_robot, parse_xml, read_model_file
-from stadera.robot.model import JointDynamics, Robot
+from stadera.robot.model import Robot
 from stadera.robot.modelfile import ModelFile
 from stadera.robot.xml import PayloadLink, named
 
@@ -43,7 +43,10 @@ def export_model(robot: Robot, path: str | Path, payload: PayloadLink | None = N
     inertias = _changed_inertias(robot, prior, file)
     fixed = {link: names for link, names in _fixed_bodies(prior, file).items() if link in inertias}
     dynamics = {joint: d for joint, d in robot.dynamics.items() if d != prior.dynamics[joint]}
-    _check_not_negative(dynamics, ("viscous", "coulomb") if is_urdf else ("viscous", "coulomb", "armature"))
+    for joint, kind in product(dynamics, ("viscous", "coulomb") if is_urdf else ("viscous", "coulomb", "armature")):
+        if (value := getattr(dynamics[joint], kind)) < 0:
+            wrong = f"joint {joint!r} has a {kind} value of {value:g}, below zero"
+            raise ModelError(f"{wrong}, which no model file should hold")
     origins = {link: prior.frames[link].translation for link in prior.tree.links}
     document = parse_xml(source, UNLIMITED)
     if is_urdf:
@@ -86,16 +89,6 @@ def check_export(robot: Robot, path: str | Path) -> tuple[Path, bool]:
             "trunk is the root, or is found without --trunk, is written to a model file"
         )
     return robot.source, is_urdf
-
-
-def _check_not_negative(dynamics: Mapping[str, JointDynamics], kinds: tuple[str, ...]) -> None:
-    for joint, values in dynamics.items():
-        for kind in kinds:
-            if getattr(values, kind) < 0:
-                raise ModelError(
-                    f"joint {joint!r} has a {kind} value of {getattr(values, kind):g}, below zero, which no model file "
-                    "should hold"
-                )
 
 
 def _changed_inertias(robot: Robot, prior: Robot, file: ModelFile) -> dict[str, InertialParameters]:

@@ -15,19 +15,9 @@ from stadera.boundary import foreign
 from stadera.errors import ModelError
 from stadera.inertia import InertialParameters
 from stadera.limits import Limits
+from stadera.robot import xml
 from stadera.robot.model import JointDynamics, JointLimits, Shape
 from stadera.robot.modelfile import FileJoint, FileLink, ModelFile
-from stadera.robot.xml import (
-    Document,
-    PayloadLink,
-    check_free,
-    description,
-    element,
-    named,
-    numbers,
-    put_child,
-    read_xml,
-)
 from stadera.types import Array
 
 _PRIMITIVES = {
@@ -77,7 +67,7 @@ def _of_file(path: Path, limits: Limits, seen: set[Path]) -> float:
         return 0.0
     seen.add(path.resolve())
     try:
-        root = read_xml(path, limits).root
+        root = xml.read_xml(path, limits).root
     except (ExpatError, LookupError, ValueError):
         return 0.0
     return _elements(root, path, limits, seen)
@@ -263,7 +253,7 @@ def _rotation(quaternion_wxyz: Array) -> Array:
 
 # -- writing ---------------------------------------------------------------------------------------------------------
 def write_mjcf(
-    document: Document,
+    document: xml.Document,
     source: Path,
     target: Path,
     inertias: Mapping[str, InertialParameters],
@@ -297,24 +287,24 @@ def write_mjcf(
         about_body = inertia.shifted(-origins[link])
         _check_possible(link, about_body)
         inertial = _inertial(about_body.mass, about_body.com, about_body.inertia_com)
-        put_child(named(root, "body", link, source), inertial)
+        xml.put_child(xml.named(root, "body", link, source), inertial)
         for name in fixed[link]:
             nothing = {"pos": "0 0 0", "mass": "0", "diaginertia": "0 0 0"}
-            put_child(named(root, "body", name, source), element("inertial", nothing))
+            xml.put_child(xml.named(root, "body", name, source), xml.element("inertial", nothing))
     for joint, values in dynamics.items():
         written = {"damping": values.viscous, "frictionloss": values.coulomb, "armature": values.armature}
-        named(root, "joint", joint, source).attrib |= {name: numbers(value) for name, value in written.items()}
-    document.remark(description(inertias, dynamics, ("offset",)))
+        xml.named(root, "joint", joint, source).attrib |= {name: xml.numbers(value) for name, value in written.items()}
+    document.remark(xml.description(inertias, dynamics, ("offset",)))
 
 
-def add_payload(root: ET.Element, trunk: ET.Element, origin: Array, payload: PayloadLink) -> None:
+def add_payload(root: ET.Element, trunk: ET.Element, origin: Array, payload: xml.PayloadLink) -> None:
     """Adds the payload as a body without joints to the trunk, whose body origin (3,) [m] is given in the trunk frame.
     Raises ModelError: the file has a body of that name already.
     """
-    check_free(root, "body", payload.name)
+    xml.check_free(root, "body", payload.name)
     inertial = _inertial(payload.body.mass, np.zeros(3), payload.tensor)
-    place = {"name": payload.name, "pos": numbers(payload.body.com - origin)}
-    payload.append_to(trunk, element("body", place, inertial))
+    place = {"name": payload.name, "pos": xml.numbers(payload.body.com - origin)}
+    payload.append_to(trunk, xml.element("body", place, inertial))
 
 
 def _inertial(mass: float, com: Array, tensor: Array) -> ET.Element:
@@ -324,12 +314,12 @@ def _inertial(mass: float, com: Array, tensor: Array) -> ET.Element:
     moments, axes = np.linalg.eigh(tensor)
     axes[:, 2] *= np.linalg.det(axes)
     attributes = {
-        "pos": numbers(com),
-        "quat": numbers(Rotation.from_matrix(axes).as_quat(scalar_first=True)),
-        "mass": numbers(mass),
-        "diaginertia": numbers(np.maximum(moments, 0.0)),
+        "pos": xml.numbers(com),
+        "quat": xml.numbers(Rotation.from_matrix(axes).as_quat(scalar_first=True)),
+        "mass": xml.numbers(mass),
+        "diaginertia": xml.numbers(np.maximum(moments, 0.0)),
     }
-    return element("inertial", attributes)
+    return xml.element("inertial", attributes)
 
 
 def _check_possible(link: str, inertia: InertialParameters) -> None:
@@ -344,7 +334,7 @@ def _check_possible(link: str, inertia: InertialParameters) -> None:
 def _draw_in_includes(root: ET.Element, folder: Path) -> None:
     for parent in list(root.iter()):
         for include in parent.findall("include"):
-            inner, at = read_xml(folder / include.get("file", "")).root, list(parent).index(include)
+            inner, at = xml.read_xml(folder / include.get("file", "")).root, list(parent).index(include)
             _draw_in_includes(inner, folder)
             parent[at : at + 1] = list(inner)
 
@@ -354,7 +344,7 @@ def _point_to_assets(root: ET.Element, folder: Path) -> None:
     if root.find(".//asset") is None:
         return
     if root.find("compiler") is None:
-        put_child(root, ET.Element("compiler"))
+        xml.put_child(root, ET.Element("compiler"))
     compilers = root.findall("compiler")
     said = {name: value for compiler in compilers for name, value in compiler.items()}
     for name in ("meshdir", "texturedir"):

@@ -4,39 +4,24 @@ import xml.etree.ElementTree as ET
 from collections.abc import Collection, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Any
 
 import numpy as np
 
 from stadera.errors import ModelError
 from stadera.inertia import InertialParameters
 from stadera.limits import Limits
+from stadera.robot import xml
 from stadera.robot.model import JointDynamics, JointLimits, Shape
 from stadera.robot.modelfile import FileJoint, FileLink, ModelFile
-from stadera.robot.xml import (
-    Document,
-    PayloadLink,
-    append,
-    check_free,
-    description,
-    element,
-    named,
-    numbers,
-    put_child,
-    remove,
-)
 from stadera.types import Array
 
 _KINDS: dict[str, Any] = {"revolute": "turns", "continuous": "turns", "prismatic": "slides", "fixed": "fixed"}
 _KINDS |= dict.fromkeys(("floating", "planar"), "other")
 _TENSOR = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-_Kind = Literal["box", "sphere", "cylinder", "capsule"]
-_SIZES: dict[_Kind, tuple[tuple[str, int], ...]] = {
-    "box": (("size", 3),),
-    "sphere": (("radius", 1),),
-    "cylinder": (("radius", 1), ("length", 1)),
-    "capsule": (("radius", 1), ("length", 1)),
-}
+_LONG = {"radius": 1, "length": 1}
+_SIZES: dict[Any, dict[str, int]] = {"box": {"size": 3}, "sphere": {"radius": 1}, "cylinder": _LONG, "capsule": _LONG}
+"""By kind of shape, the attributes of its size, and how many numbers each has."""
 
 
 def read_urdf(path: Path, root: ET.Element, limits: Limits) -> ModelFile:
@@ -178,9 +163,9 @@ def _link_shapes(link: ET.Element) -> list[Shape]:
 
 
 def _shape(link: ET.Element, element: ET.Element) -> Shape | None:
-    for kind in get_args(_Kind):
+    for kind, sizes in _SIZES.items():
         if (found := element.find(f"geometry/{kind}")) is not None:
-            size = [_read_numbers(link, found, attribute, count) for attribute, count in _SIZES[kind]]
+            size = [_read_numbers(link, found, attribute, count) for attribute, count in sizes.items()]
             return Shape(_name(link), kind, sum(size, ()), *_pose(link, element.find("origin")))
     return None
 
@@ -213,7 +198,7 @@ def _read_numbers(
 
 # -- writing ---------------------------------------------------------------------------------------------------------
 def write_urdf(
-    document: Document,
+    document: xml.Document,
     source: Path,
     inertias: Mapping[str, InertialParameters],
     fixed: Mapping[str, list[str]],
@@ -224,45 +209,45 @@ def write_urdf(
     """
     root = document.root
     for link, inertia in inertias.items():
-        put_child(named(root, "link", link, source), _inertial(inertia.mass, inertia.com, inertia.inertia_com))
+        xml.put_child(xml.named(root, "link", link, source), _inertial(inertia.mass, inertia.com, inertia.inertia_com))
         for name in fixed[link]:
-            body = named(root, "link", name, source)
+            body = xml.named(root, "link", name, source)
             for inertial in body.findall("inertial"):
-                remove(body, inertial)
+                xml.remove(body, inertial)
     for joint, values in dynamics.items():
-        owner = named(root, "joint", joint, source)
+        owner = xml.named(root, "joint", joint, source)
         target = owner.find("dynamics")
         if target is None:
-            append(owner, target := ET.Element("dynamics"))
-        target.attrib |= {"damping": numbers(values.viscous), "friction": numbers(values.coulomb)}
-    document.remark(description(inertias, dynamics, ("armature", "offset")))
+            xml.append(owner, target := ET.Element("dynamics"))
+        target.attrib |= {"damping": xml.numbers(values.viscous), "friction": xml.numbers(values.coulomb)}
+    document.remark(xml.description(inertias, dynamics, ("armature", "offset")))
 
 
-def add_payload(root: ET.Element, trunk: str, payload: PayloadLink) -> None:
+def add_payload(root: ET.Element, trunk: str, payload: xml.PayloadLink) -> None:
     """Adds the payload's link, and the fixed joint that connects it to the trunk. Raises ModelError: the file already
     has a link or a joint of that name.
     """
     joint_name = f"{payload.name}_joint"
-    check_free(root, "link", payload.name)
-    check_free(root, "joint", joint_name)
-    link = element("link", {"name": payload.name}, _inertial(payload.body.mass, np.zeros(3), payload.tensor))
-    joint = element(
+    xml.check_free(root, "link", payload.name)
+    xml.check_free(root, "joint", joint_name)
+    link = xml.element("link", {"name": payload.name}, _inertial(payload.body.mass, np.zeros(3), payload.tensor))
+    joint = xml.element(
         "joint",
         {"name": joint_name, "type": "fixed"},
-        element("origin", {"xyz": numbers(payload.body.com), "rpy": "0 0 0"}),
-        element("parent", {"link": trunk}),
-        element("child", {"link": payload.name}),
+        xml.element("origin", {"xyz": xml.numbers(payload.body.com), "rpy": "0 0 0"}),
+        xml.element("parent", {"link": trunk}),
+        xml.element("child", {"link": payload.name}),
     )
     payload.append_to(root, link, joint)
 
 
 def _inertial(mass: float, com: Array, tensor: Array) -> ET.Element:
     """The <inertial> element; URDF states the inertia about the centre of mass, here in the link's own axes."""
-    components = {f"i{'xyz'[i]}{'xyz'[j]}": numbers(tensor[i, j]) for i in range(3) for j in range(i, 3)}
-    return element(
+    components = {f"i{'xyz'[i]}{'xyz'[j]}": xml.numbers(tensor[i, j]) for i in range(3) for j in range(i, 3)}
+    return xml.element(
         "inertial",
         {},
-        element("origin", {"xyz": numbers(com), "rpy": "0 0 0"}),
-        element("mass", {"value": numbers(mass)}),
-        element("inertia", components),
+        xml.element("origin", {"xyz": xml.numbers(com), "rpy": "0 0 0"}),
+        xml.element("mass", {"value": xml.numbers(mass)}),
+        xml.element("inertia", components),
     )

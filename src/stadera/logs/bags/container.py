@@ -1,11 +1,13 @@
 """Files of a bag: topics and messages of one file or a folder; damaged files are read as far as possible."""
 
+from __future__ import annotations
+
 import re
 from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import dataclass, field
 from io import BytesIO
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol, Self, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +15,9 @@ from numpy.typing import NDArray
 from stadera.errors import RecordingError, require_positive
 from stadera.limits import DEFAULTS, Budget, LimitError, Limits
 from stadera.types import Array
+
+if TYPE_CHECKING:
+    from stadera.logs.bags.files import Container
 
 Record = TypeVar("Record")
 Part = TypeVar("Part")
@@ -82,27 +87,6 @@ class Topic(NamedTuple):
 
     kind: str
     definition: str = ""
-
-
-class Container(Protocol):
-    """Protocol of a bag's file format: its name for messages, file name suffix, first bytes, and encoding, "cdr" or
-    "ros1".
-    """
-
-    name: str
-    suffix: str
-    magic: bytes
-    encoding: str
-
-    def topics(self, path: Path, budget: Budget) -> dict[str, Topic]:
-        """Topics of a file by name, restricted to those in `encoding`. Raises RecordingError: no part of the file can
-        be read.
-        """
-        ...
-
-    def messages(self, path: Path, topics: Collection[str], damage: list[str], budget: Budget) -> Iterator[Message]:
-        """Yields messages of these topics as recorded. Unreadable parts are skipped and reported in `damage`."""
-        ...
 
 
 @dataclass

@@ -28,7 +28,7 @@ class McapFile:
     name, suffix, magic, encoding = "MCAP bag", ".mcap", b"\x89MCAP0\r\n", "cdr"
 
     def topics(self, path: Path, budget: Budget) -> dict[str, Topic]:
-        """See `Container`."""
+        """Topics of a file by name, those in `encoding`. Raises RecordingError: no part of it can be read."""
         from mcap.records import Channel, Schema
 
         if not begins_with(path, self.magic):
@@ -42,7 +42,7 @@ class McapFile:
         return found
 
     def messages(self, path: Path, topics: Collection[str], damage: list[str], budget: Budget) -> Iterator[Message]:
-        """See `Container`."""
+        """Yields messages of these topics as recorded. Unreadable parts are skipped and reported in `damage`."""
         from mcap import records
 
         wanted: dict[int, str] = {}
@@ -112,7 +112,7 @@ class Ros1File:
     name, suffix, magic, encoding = "ROS 1 bag", ".bag", b"#ROSBAG V2.0\n", "ros1"
 
     def topics(self, path: Path, budget: Budget) -> dict[str, Topic]:
-        """See `Container`."""
+        """See `McapFile`."""
         from rosbags.rosbag1 import Reader
 
         try:
@@ -126,7 +126,7 @@ class Ros1File:
         return found
 
     def messages(self, path: Path, topics: Collection[str], damage: list[str], budget: Budget) -> Iterator[Message]:
-        """See `Container`."""
+        """See `McapFile`."""
         wanted: dict[int, str] = {}
         for part in _parts(path, damage, budget):
             if isinstance(part, _Stored):
@@ -180,7 +180,7 @@ class SqliteFile:
     name, suffix, magic, encoding = "sqlite3 bag", ".db3", b"SQLite format 3\0", "cdr"
 
     def topics(self, path: Path, budget: Budget) -> dict[str, Topic]:
-        """See `Container`."""
+        """See `McapFile`."""
         definitions: dict[str, str] = {}
         try:
             with foreign(path, "no bag that can be read"), closing(_open(path, budget)) as database:
@@ -194,7 +194,7 @@ class SqliteFile:
         return {str(n): Topic(str(kind), definitions.get(kind, "")) for n, kind, form in rows if form == self.encoding}
 
     def messages(self, path: Path, topics: Collection[str], damage: list[str], budget: Budget) -> Iterator[Message]:
-        """See `Container`."""
+        """See `McapFile`."""
         return salvaged(path, _rows(path, topics, budget), _message, lambda read: f"{read} messages", damage, budget)
 
 
@@ -236,3 +236,7 @@ def _open(path: Path, budget: Budget) -> sqlite3.Connection:
     if computed := next((name for name in ("topics", "messages") if not stored.get(name, 1)), None):
         raise RecordingError(f"{path}: {computed} is no table but computed from others, which no recorder does")
     return database
+
+
+Container = McapFile | Ros1File | SqliteFile
+"""A bag's file format: its name for messages, file name suffix, first bytes, and encoding, "cdr" or "ros1"."""

@@ -18,8 +18,9 @@ from stadera.boundary import begins_with, foreign
 from stadera.errors import ClosedLoopError, RecordingError
 from stadera.limits import LimitError
 from stadera.logs.bags.choice import Offer, choose
-from stadera.logs.bags.container import EARLIEST, LATEST, Bag, BagSettings, Container, Decoded, Message, Stamps
+from stadera.logs.bags.container import EARLIEST, LATEST, Bag, BagSettings, Decoded, Message, Stamps
 from stadera.logs.bags.decode import Decoder, decoder
+from stadera.logs.bags.files import Container
 from stadera.logs.bags.merging import Merging, beginning_of, first_samples
 from stadera.logs.bags.unitree import LowStates
 from stadera.logs.batches import recordings, within
