@@ -51,6 +51,11 @@ def swung(blocks: int, noise: float, wild: float = 0.0, seed: int = 0) -> SwingJ
     return swing
 
 
+def test_feet_that_touch_in_a_few_blocks_are_no_misfit() -> None:
+    """From the first rows on, before the law is known."""
+    assert swung(120, 0.1, 60.0).misfit < 1.5 * swung(120, 0.1).misfit
+
+
 @pytest.mark.parametrize("wild", [0.0, 60.0])
 def test_joints_are_found_and_wild_rows_left_out(wild: float) -> None:
     mean, covariance = swung(200, 0.1, wild).posterior()

@@ -141,7 +141,9 @@ class SwingDetection:
             payloads of simulated trots err by 0.7, 0.4, 0.4 % of the robot (rms).
         enough: rows for each unknown, needed to evaluate the fit of the joints' law [1].
         quietest: share of the stated variance below which smaller residuals do not sharpen the estimate [1].
-        wild: standard deviations of the residual, beyond which a row is skipped.
+        freedom: degrees of freedom of Student's t, by which rows that fit worse than usual count for less [1]: a foot
+            that scuffs or lands within a block. Lange et al. (1989), see `RobustWeights`, take four for data of
+            unknown law.
         recent: rows of a joint, over which its latest residual is averaged. step: average residual that friction laws
             do not have, and a torque sensor that jumps does, share of the effort limit [1]. wild_step: the same, times
             the usual residual of all joints [1].
@@ -158,7 +160,7 @@ class SwingDetection:
     strides: float = 50.0
     enough: float = 4.0
     quietest: float = 0.02
-    wild: float = 5.0
+    freedom: float = 4.0
     recent: float = 12.0
     step: float = 0.04
     wild_step: float = 6.0

@@ -27,7 +27,7 @@ class SwingJoints:
         settings: of swing rows.
 
     Attributes:
-        rows: number of rows so far.
+        rows: number of rows so far, by their weights.
         stepped: [N·m] by joint, by how much the recorded torque has departed from the law that held at first,
             if an average over successive rows is beyond all usual ones, as after a jump of a torque sensor; else zero.
     """
@@ -40,8 +40,9 @@ class SwingJoints:
         self._at = np.array(laws)[:, None] + self._each
         self._prior = np.linalg.inv(errors.covariance[layout.by_swing, layout.by_swing])
         self._normal, self._right = np.zeros((count, count)), np.zeros(count)
-        self._square, self.rows = 0.0, 0
-        self._last, self._limit_square = np.zeros(count), np.inf
+        self._square, self.rows = 0.0, 0.0
+        self._last, self._typical = np.zeros(count), np.inf
+        self._first: list[tuple[Array, Array, Array]] | None = []
         self._expected, self._loud = np.zeros(count), np.inf
         self._joints = np.zeros((3, layout.joints))
         self._averaged, self._average, self.stepped = self._joints
@@ -60,19 +61,41 @@ class SwingJoints:
         rows[self._each, self._at] = terms
         rows[:, self._lag] = -rate
         weight = 1.0 / (white**2 + (self._settings.residual * self._limit) ** 2)
-        usual = weight * (residual + rows @ self._last) ** 2 <= self._limit_square
         swinging = np.repeat(air, self._legs)
-        used = usual & swinging
         self._compare(swinging, residual + rows @ self._expected, weight)
-        if not used.any():
+        if not swinging.any():
             return
-        rows, residual = rows[used], residual[used]
-        weighted = weight[used, None] * rows
+        rows, residual, weight = rows[swinging], residual[swinging], weight[swinging]
+        if self._first is not None:
+            self._first.append((rows, residual, weight))
+        self._sum(rows, residual, weight)
+
+    def _sum(self, rows: Array, residual: Array, weight: Array) -> None:
+        """Adds rows, each with the weight of Student's t at its residual."""
+        share = np.ones(len(rows))
+        if self._typical < np.inf:
+            freedom, square = self._settings.freedom, weight * (residual + rows @ self._last) ** 2
+            share = (freedom + 1.0) / (freedom + square / self._typical)
+        weighted = (share * weight)[:, None] * rows
         self._normal += weighted.T @ rows
         self._right -= weighted.T @ residual
-        self._square += float(weight[used] @ residual**2)
-        self.rows += len(rows)
+        self._square += float((share * weight) @ residual**2)
+        self.rows += float(share.sum())
         self._found = None
+
+    def _sum_anew(self) -> None:
+        """Weighs the first rows, which were summed before the law was known, by what they leave of it together."""
+        assert self._first is not None
+        rows, residual, weight = (np.concatenate(part) for part in zip(*self._first, strict=True))
+        self._first, mean = None, self._least_squares(np.ones(len(self._right)))[0]
+        square = weight * (residual + rows @ mean) ** 2
+        self._typical = max(float(np.median(square)) / 0.455, self._settings.quietest)  # the median of χ² of one
+        for _ in range(4):
+            self._last, self._square, self.rows = mean, 0.0, 0.0
+            self._normal, self._right = np.zeros_like(self._normal), np.zeros_like(self._right)
+            self._sum(rows, residual, weight)
+            mean, _, loud = self._least_squares(np.ones(len(self._right)))
+            self._typical = loud / self._settings.repeated
 
     def _compare(self, swinging: Bools, residual: Array, weight: Array) -> None:
         """Averages the latest residuals of each joint, and keeps those that are beyond the usual ones."""
@@ -116,12 +139,16 @@ class SwingJoints:
         """Mean, covariance and variance of what repeats, with the errors at their prior size."""
         if self._found is not None:
             return self._found
-        mean, _, loud = self._found = self._least_squares(np.ones(len(self._right)))
-        loud, count = loud / self._settings.repeated, len(mean)
+        count = len(self._right)
+        known = self.rows > self._settings.enough * count
+        if known and self._first is not None:
+            self._sum_anew()
+        mean, _, loud = self._found = self._least_squares(np.ones(count))
+        loud /= self._settings.repeated
         if self.rows > 2 * count and self._loud == np.inf:  # compared with the log's beginning
             self._expected, self._loud = mean, self._settings.wild_step**2 * loud
-        if self.rows > self._settings.enough * count:
-            self._last, self._limit_square = mean, self._settings.wild**2 * loud
+        if known:
+            self._last, self._typical = mean, loud
         return self._found
 
     def _least_squares(self, scale: Array) -> tuple[Array, Array, float]:
