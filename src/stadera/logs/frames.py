@@ -122,7 +122,10 @@ def write_columns(columns: Mapping[str, Array], path: str | PathLike[str]) -> No
         raise RecordingError(f"{path}: a table is written as one of {', '.join(SUFFIXES)}")
     table = pa.table(dict(columns))
     with written_together([path]) as (draft,):
-        (pacsv.write_csv if Path(path).suffix.lower() == ".csv" else parquet.write_table)(table, draft)
+        if Path(path).suffix.lower() == ".csv":
+            pacsv.write_csv(table, draft, pacsv.WriteOptions(quoting_header="none"))
+        else:
+            parquet.write_table(table, draft)
 
 
 def _write(chunks: Iterator[Recording], draft: Path, path: Path) -> None:
