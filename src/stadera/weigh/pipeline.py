@@ -206,9 +206,9 @@ class _LogPass:
     def tare(self, where: str) -> None:
         """Makes the present estimate of the trunk the reference for the payload."""
         if not self.estimator.trunk.observed[0]:
-            reason = self.estimator.estimate().reason
+            why = (reason := self.estimator.estimate().reason) and f": {reason}"
             raise IdentificationError(
-                f"{where}: too short for a tare, the trunk's mass is not known by its end{reason and f': {reason}'}"
+                f"{where}: too short, or too still, for a tare: the trunk's mass is not known by its end{why}"
             )
         self.estimator.tare()
         if self._request.weight is not None and isinstance(self.estimator, TrunkEstimator):
