@@ -92,11 +92,6 @@ class ErrorLayout:
         return tuple(self.places[name] for name in ("stiction", "unfelt", "limb_stiction"))
 
     @property
-    def swaying(self) -> slice:
-        """Errors that may vary while the robot sways: static friction, and moments of flat feet."""
-        return slice(self.places["stiction"].start, self.places["unfelt"].stop)
-
-    @property
     def sticking(self) -> slice:
         """Static friction. Before any row, these errors and those in `by_swing` alone are correlated with others."""
         return self.places["stiction"]

@@ -201,7 +201,7 @@ class ModelFit:
         self.fit = Fit.of(rows, usual)
         if rows.weight:
             self.sizes.update(*usual.evidence(rows, self.model, self.swing))
-        self.errors = Errors(self.model, self.swing, self.sizes.factors, rows, scatter=history.scatter.value)
+        self.errors = Errors(self.model, self.swing, self.sizes.factors, rows)
         laws = [layout.places[name] for name in ("rotor", "viscous", "coulomb")]
         front.know_joints(*(np.array([x[law] for law in laws]) for x in (self.errors.mean, self.errors.std)))
         self.swing_misfit = self.swing.misfit if front.seen >= self._settings.evaluated else None

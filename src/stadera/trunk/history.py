@@ -53,44 +53,6 @@ class RobustWeights:
         return weight
 
 
-class Scatter:
-    """κ: sums of residuals over half a second, compared with those of independent rows of unit noise.
-
-    What moves unseen, such as an arm whose joints are not in the log, makes rows vary together; without κ bars are too
-    narrow then.
-
-    Args:
-        wide: (4,) [kg, kg·m], prior of mass and first moment. memory: number of blocks that are remembered.
-
-    Attributes:
-        value: κ.
-    """
-
-    def __init__(self, wide: Array, memory: float, settings: OutlierSettings) -> None:
-        self._prior, self._most, self._cluster = np.diag(1.0 / wide**2), memory / settings.enough, settings.enough
-        self.value, self._clusters = 1.0, settings.prior_clusters
-        self.restart()
-
-    def restart(self) -> None:
-        """Discards the unfinished sum after a change of the load."""
-        self._sum, self._normal, self._summed = np.zeros(4), np.zeros((4, 4)), 0
-
-    def count(self, rows: WeightedRows, known: Segment, errors: Array) -> None:
-        """Adds a block, given the estimate and model errors p̂ (errors,)."""
-        if known.blocks < self._cluster:
-            return
-        shown = rows.columns[:, :4].T
-        self._sum += rows.weight * (shown @ rows.columns @ known.combination(errors))
-        self._normal += rows.weight * (shown @ shown.T)
-        self._summed += 1
-        if self._summed < self._cluster:
-            return
-        ratio = float(self._sum @ np.linalg.solve(self._normal + self._prior, self._sum)) / 4.0
-        self._clusters = min(self._clusters + 1.0, self._most)
-        self.value += (min(ratio, 9.0 * self.value) - self.value) / self._clusters
-        self.restart()
-
-
 class Known(NamedTuple):
     """What was known before a change of the load, to return to if it was a push: the load's estimate, the loads before
     it, and the estimate by the rows since the tare alone.
@@ -118,7 +80,6 @@ class History:
         recent: the latest blocks of the present load.
         finished: the last four loads before the present one.
         tare: the trunk at the last tare; None without one.
-        scatter: κ of the rows.
     """
 
     def __init__(
@@ -151,7 +112,6 @@ class History:
         self._loaded: deque[Segment | None] = deque([None])  # likewise, by the rows since the tare alone
         self._unused = 0  # next blocks that still contain samples before the tare
         self._robust, self._since_tare = RobustWeights(settings.outliers), RobustWeights(settings.outliers)
-        self.scatter = Scatter(self._wide[:4], settings.memory / settings.block, settings.outliers)
 
     @property
     def current(self) -> Segment:
@@ -190,7 +150,6 @@ class History:
         keep = exp(-made.elapsed / self._settings.memory)
         rows = weighted(made, self._unit, self._of_limbs, self._unfelt, self._friction)
         rows = rows.weighing(self._slides(rows, self.current) * self._robust.weight(rows, self.current, errors))
-        self.scatter.count(rows, self.aged, errors)
         self._known.append(self.current.add(rows, keep * self._kept(rows, self.current)))
         self.recent.append(rows)
         self.blocks += 1
@@ -242,7 +201,6 @@ class History:
 
     def _begin(self, segment: Segment, rows: Sequence[WeightedRows], loaded: Segment | None) -> None:
         self._known, self.recent, self._loaded = deque([segment]), deque(rows), deque([loaded])
-        self.scatter.restart()
         for row in rows:
             self._known.append(self.current.add(row))
             self._loaded.append(loaded if loaded is None else (loaded := loaded.add(row, remainder=self._places > 0)))

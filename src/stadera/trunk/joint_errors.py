@@ -52,7 +52,6 @@ class Errors:
         rows: sums of the loaded legs; None before any.
         learnt: errors that are estimated from `rows`, from the first one on; the rest is considered. None for those
             of the model's layout.
-        scatter: κ, of the rows' sums.
 
     Attributes:
         layout: places of the errors.
@@ -68,10 +67,8 @@ class Errors:
         scale: Array | None = None,
         rows: RowSums | None = None,
         learnt: slice | None = None,
-        scatter: float = 1.0,
     ) -> None:
-        self.scatter = scatter
-        self._length, self.layout = model.length, model.layout
+        self.layout = model.layout
         self._offsets, self._drift = model.layout.places["offset"], model.drift
         learnt, count, by_swing = learnt or self.layout.learnt, self.layout.count, self.layout.by_swing
         gain, stuck = self.layout.places["gain"], self.layout.sticking
@@ -194,23 +191,9 @@ class Errors:
         return np.asarray(0.5 * (total + total.T))
 
     def of_rows(self, segment: Segment | Told) -> Array:
-        """Covariance (10, 10) due to the rows' scatter, to offsets that are others under another load, and to static
-        friction that varies while the robot sways.
-        """
+        """Covariance (10, 10) due to the rows' scatter, and to offsets that are others under another load."""
         P, drifted = segment.inverse @ segment.inverse.T, segment.sensitivity[:, self._offsets] * self._drift
-        own = self.scatter * P + drifted @ drifted.T
-        if segment.sums is None:
-            return np.asarray(own)
-        varying = segment.sums.follows_motion(self._swaying, self._length)
-        return np.asarray(own + P @ varying @ P)
-
-    @cached_property
-    def _swaying(self) -> Array:
-        """Covariance of the errors that may vary while the robot sways."""
-        out, place = np.diag(np.square(self.std[self.layout.swaying])), self.layout.sticking
-        count = place.stop - place.start
-        out[:count, :count] = self._sticking
-        return out
+        return np.asarray(P + drifted @ drifted.T)
 
     def energies(self, products: Array) -> tuple[float, float]:
         """How the expected energy of the residual splits: that of the sampling error e, and of all others tr D Σ'. With

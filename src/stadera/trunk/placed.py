@@ -32,7 +32,7 @@ from stadera.trunk.error_model import QUIETEST
 from stadera.types import Array
 
 if TYPE_CHECKING:
-    from stadera.trunk.segment import RowMoments, Segment
+    from stadera.trunk.segment import Segment
 
 Blocks = tuple[int, ...]
 """Where a load is: 0 for the trunk, k for the k-th place; two of them if it is held at both."""
@@ -54,13 +54,11 @@ class Told:
         inverse: (n, m), a root of their covariance by the rows' unit noise. solution: (n, 1 + errors), their values and
             what errors do to them.
         before: (n, changing), the part of that by rows before the load came, of errors that may have changed since.
-        sums: of the rows, of a trunk without a load elsewhere.
     """
 
     inverse: Array
     solution: Array
     before: Array
-    sums: RowMoments | None = None
 
     @property
     def sensitivity(self) -> Array:

@@ -417,17 +417,20 @@ class RowMaker:
         L = wrench_of_angular_acceleration(trunk.first_moment, trunk.inertia) - probes[:, :, 3:6]
         G = probes[:, :, 6:]
         columns, end, limbs = np.zeros((B, 6, 11 + layout.count + 10 * len(self._places))), 11 + layout.count, None
-        columns[:, :, :10], columns[:, :, 10], C = trunk_matrix(signals), target, columns[:, :, 11:end]
+        # noise is not motion: a joint that moved beyond it does not stick, another shows no friction or rotor inertia
+        still = self._still(joint[:, 1], averaged[:, None] * noise.velocity, follows)
+        # and of a robot at rest it would show height and inertia, which are columns of accelerations
+        shown, rests = signals.copy(), still.all(axis=1)
+        shown[rests, :3], shown[rests, 3:6] = average[rests], 0.0
+        columns[:, :, :10], columns[:, :, 10], C = trunk_matrix(shown), target, columns[:, :, 11:end]
         if self._limbs is not None:
-            A = columns[:, :, :10].copy()
+            A = trunk_matrix(signals)
             columns[:, :, 10] += A @ self.body.lumped  # the trunk contains the other joints' links at their reference
             self._limbs.add(columns, A, sums["by_links"], self._by_mass)
             limbs = self._limbs.rows(sums, self._by_mass) if len(self._limbs.joints) else None
         by_terms = -sums["by_terms"].transpose(3, 0, 2, 1)  # (terms, B, 6, J)
         # signs such that positive static friction lifts the trunk, as in all joints of a robot that sags
         lifts = np.sign((by_terms[_TERMS.index("offset"), :, :3] * signals[:, :3, None]).sum(axis=1))
-        # noise is not motion: a joint that moved beyond it does not stick, another shows no friction or rotor inertia
-        still = self._still(joint[:, 1], averaged[:, None] * noise.velocity, follows)
         by_terms[:_OF_MOTION] *= ~still[:, None]
         by_terms[-1] *= (-lifts * still)[:, None]
         for name, values in zip(_TERMS, by_terms, strict=True):

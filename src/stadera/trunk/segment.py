@@ -19,8 +19,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property, lru_cache
-from math import inf, isnan, sqrt
+from functools import cached_property
+from math import inf, sqrt
 
 import numpy as np
 from scipy.linalg import lapack
@@ -31,20 +31,7 @@ from stadera.robot.model import Robot
 from stadera.trunk.error_model import ErrorLayout
 from stadera.trunk.placed import Held, Told, TrunkAndLoad, folded, told
 from stadera.trunk.rows import BlockRows, Equations
-from stadera.trunk.wrench import SIGNALS, TRUNK_MAP
 from stadera.types import Array
-
-BY_FORCE: Array = TRUNK_MAP.reshape(6, 10, SIGNALS)[:, :, :3]
-"""(6, 10, 3): derivatives of the trunk's matrix A by the specific force."""
-
-
-@lru_cache(maxsize=16)
-def by_force(length: float) -> Array:
-    """Derivatives (10, 18) of the rows' matrix in their unit by the specific force, by row and axis; `length` is the
-    lever of the moments [m].
-    """
-    unit = np.array([1.0, 1.0, 1.0, length, length, length])
-    return np.ascontiguousarray((BY_FORCE / unit[:, None, None]).transpose(1, 0, 2).reshape(10, 18))
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,55 +66,6 @@ class WeightedRows(Equations):
 
 
 @dataclass(frozen=True, eq=False)
-class RowMoments:
-    """Weighted sums over blocks, with the same forgetting as `Segment`.
-
-    Attributes:
-        values: Σ of the weights; Σ a (3), the specific force in the unit of the rows; Σ a aᵀ (3, 3); and the summed
-            columns of static friction and of moments that no joint tells (6, swaying).
-    """
-
-    values: Array
-
-    @classmethod
-    def none(cls, swaying: slice) -> RowMoments:
-        """Of no blocks; `swaying` are the places of the errors that may vary while the robot sways."""
-        return cls(np.zeros(13 + 6 * (swaying.stop - swaying.start)))
-
-    def add(self, rows: WeightedRows, stiction: Array, keep: float) -> RowMoments:
-        """With one more block and its columns of these (6, swaying), the weight of everything before it
-        multiplied by `keep`.
-        """
-        a, own = rows.columns[:3, 0], np.empty_like(self.values)
-        own[0], own[1:4], own[4:13], own[13:] = 1.0, a, np.multiply.outer(a, a).ravel(), stiction.ravel()
-        return RowMoments(keep * self.values + rows.weight * own)
-
-    def follows_motion(self, covariance: Array, length: float) -> Array:
-        """Variance (10, 10) of Σ Aᵀ e due to an error e(t) of the rows that varies with the specific force.
-
-        e(t) has the covariance S = C̄ Σ C̄ᵀ of static friction, and is proportional to some component of the deviation
-        of a from its mean; which one is not known, so each of the three gets a third of the variance. With
-        A = Σ_u a_u A_u + ... and N the weight,
-
-            Σ Aᵀ e = N Σ_u A_uᵀ Γ^½_u. e0,      N²/3 Σ_uv Γ_uv A_uᵀ S A_v,      Γ = cov a
-
-        Args:
-            covariance: Σ (swaying, swaying), of static friction and unfelt moments [N²·m²].
-            length: lever of the moments in the unit of the rows [m].
-        """
-        weight = float(self.values[0])
-        if not weight:
-            return np.zeros((10, 10))
-        mean, products, stiction = np.split(self.values[1:] / weight, [3, 12])
-        stiction = stiction.reshape(6, -1)
-        error = stiction @ covariance @ stiction.T
-        moved = products.reshape(3, 3) - mean[:, None] * mean
-        left = by_force(length)
-        right = left.reshape(10, 6, 3) @ moved
-        return np.asarray(weight**2 / 3.0 * (left @ (error @ right).reshape(10, 18).T))
-
-
-@dataclass(frozen=True, eq=False)
 class Segment:
     """Summed rows.
 
@@ -136,9 +74,7 @@ class Segment:
         triangle: (10, 10 + 1 + errors + loads), R, z, G and Q.
         count: number of rows, with forgetting.
         white: Σ of the rows' white variance [1].
-        begin: time of the first row [s].
         blocks: number of blocks.
-        sums: means and variation of the rows.
         moved: sum of the weights of blocks in which the robot moves [1]. stepped: of those in which it walks.
         below: (loads, loads + 1 + errors), L, y and H.
         held: where a load is that the trunk does not contain, and the trunk without it; None if there is none.
@@ -146,10 +82,8 @@ class Segment:
 
     layout: ErrorLayout
     triangle: Array
-    sums: RowMoments
     count: float = 0.0
     white: float = 0.0
-    begin: float = np.nan
     blocks: int = 0
     moved: float = 0.0
     stepped: float = 0.0
@@ -166,7 +100,7 @@ class Segment:
         triangle, below = np.zeros((10, width + 10 * places)), np.zeros((10 * places, 10 * places + width - 10))
         triangle[:, :10], triangle[:, 10] = np.diag(1.0 / std), mean / std
         below[:, : 10 * places] = np.diag(np.tile(1.0 / std, places))
-        return cls(layout, triangle, RowMoments.none(layout.swaying), below=below, held=held)
+        return cls(layout, triangle, below=below, held=held)
 
     def add(self, rows: WeightedRows, keep: float = 1.0, remainder: bool = True) -> Segment:
         """Returns the segment with one more block, the weight of everything before it multiplied by `keep`.
@@ -174,8 +108,7 @@ class Segment:
         Args:
             remainder: keep what `remainder` needs.
         """
-        place, below, root = self.layout.swaying, self.below, sqrt(rows.weight)
-        stiction = rows.columns[:, 11 + place.start : 11 + place.stop]
+        below, root = self.below, sqrt(rows.weight)
         triangle, residue = folded(self.triangle, root * rows.columns, sqrt(keep), 10)
         if loads := len(below):
             more = residue if rows.limbs is None else np.vstack([residue, root * rows.limbs[:, 10:]])
@@ -187,10 +120,8 @@ class Segment:
         return Segment(
             self.layout,
             triangle,
-            self.sums.add(rows, stiction, keep),
             keep * self.count + 6.0 * rows.weight,
             keep * self.white + rows.weight * rows.white,
-            rows.time if isnan(self.begin) else self.begin,
             self.blocks + 1,
             keep * self.moved + rows.weight * moving,
             keep * self.stepped + rows.weight * (moving and rows.stepping),
@@ -219,7 +150,7 @@ class Segment:
     @property
     def weight(self) -> float:
         """Sum of the weights of the blocks, with forgetting [1]."""
-        return float(self.sums.values[0])
+        return self.count / 6.0
 
     @property
     def remainder(self) -> Array:

@@ -254,7 +254,6 @@ class OutlierSettings:
         held: weight of a block in which fewer slide, relative to one in which they slide [1]. Static
             friction takes any torque up to its bound, 2 % of the limit, while what is wrong with a sliding joint is
             0.3 %: the square of their ratio. Without it a robot that moves, stops and is loaded is weighed by friction.
-        prior_clusters: number of half seconds that the prior of the rows' scatter, one, counts as.
         remembered: number of blocks over which usual residuals are averaged: two seconds, several steps.
     """
 
@@ -264,7 +263,6 @@ class OutlierSettings:
     least_usual: float = 0.25
     sliding: float = 0.25
     held: float = 0.02
-    prior_clusters: float = 4.0
     remembered: float = 100.0
 
     def __post_init__(self) -> None:
