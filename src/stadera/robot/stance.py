@@ -31,7 +31,7 @@ class StanceSettings:
     bent: float = 0.5  # of their joints, at a start of Newton's method [rad]
 
     def __post_init__(self) -> None:
-        require_positive("stance setting", self, ("steps", "largest_step", "last_step", "solved"))
+        require_positive("stance setting", self, ("steps", "largest_step", "last_step", "solved", "bent"))
         if not (all(0.0 < share < 1.0 for share in self.extensions) and min(self.grid) >= 1):
             raise ModelError(f"a stance needs extensions between 0 and 1 and at least one start a joint, got {self}")
 
