@@ -184,6 +184,16 @@ def test_an_order_that_gains_in_one_second_only_is_not_named() -> None:
     assert order_of(mixed, "go2", CheckLimits()) is None
 
 
+def test_a_restless_gyro_of_a_robot_that_moves_is_not_in_other_units() -> None:
+    """By a gyro divided by 57 feet slide less, as by none; but a trunk that trots turns by more than 0.2 degrees/s."""
+    log = log_of("hyq", "trot", 17)
+    assert log.imu is not None
+    noise = np.random.default_rng(1).standard_normal((3, len(log) + 59))
+    slow = np.stack([np.convolve(row, np.full(60, 60.0**-0.5), "valid") for row in noise], axis=1)
+    restless = replace(log.imu, angular_velocity=0.2 * slow, orientation=None)
+    assert "gyro_unit" not in [finding.cause for finding in diagnose(replace(log, imu=restless), load_robot("hyq"))]
+
+
 @pytest.mark.parametrize(("name", "scenario", "seed"), [("hyq", "trot", 17), ("anymal_c", "crawl", 13)])
 def test_an_imu_that_is_late_is_named_as_that_or_not_at_all(name: str, scenario: str, seed: int) -> None:
     """By a tenth of a second; not as turned, in other units, or as torques of other legs."""

@@ -178,7 +178,7 @@ def _in_motion(footing: Footing, mount: ImuMount | None) -> Iterator[Finding]:
             return
     (best, gain, without), late = found[0], _late_imu(few)
     # a robot that moves turns; on soft ground its feet slide by any gyro
-    stands = best.cause == "gyro_unit" and without.turning < few.limits.turns_least
+    unturned = without.lively > few.limits.lively_share and without.turning < few.limits.turns_least
     if late is not None and late[1].mean > gain.mean:
         text = (
             f"the IMU seems to be about {abs(1e3 * late[0]):.0f} ms {'late' if late[0] > 0.0 else 'early'} against "
@@ -186,7 +186,7 @@ def _in_motion(footing: Footing, mount: ImuMount | None) -> Iterator[Finding]:
             f"({late[1].deviations:.1f} standard deviations)"
         )
         yield Finding("imu_late", text)
-    elif without.fits(few) and not stands:
+    elif without.fits(few) and not (best.cause == "gyro_unit" and unturned):
         text = (
             f"as recorded, feet that carry slide at {100 * few.slides:.2g} cm/s and the trunk is out of balance; "
             f"otherwise at {100 * without.slides:.2g} cm/s, and in balance ({gain.deviations:.1f} standard deviations)"
