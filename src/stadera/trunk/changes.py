@@ -172,12 +172,11 @@ class ChangeDetector:
         self._usual = Spread(np.full(shape, settings.prior**2), np.zeros(shape), np.zeros(len(settings.windows)))
         self._spreads = self._usual
         self._past = Usual(0, settings.prior * np.ones_like(scale), np.zeros_like(scale), np.inf * scale)
-        self._persists = self._agrees = 0
+        self._persists = 0
 
     def restart(self, kept: int) -> None:
         """Restarts after a change of the load: only the last `kept` blocks belong to the new one."""
-        self._persists = self._agrees = 0
-        self._blocks.count, self._usual = kept, self._spreads
+        self._persists, self._blocks.count, self._usual = 0, kept, self._spreads
 
     def dismiss(self) -> None:
         """Forgets a change that was about to be reported, which another place of the load explains."""
@@ -193,9 +192,6 @@ class ChangeDetector:
             held: suppress reports, because the model does not fit.
         """
         self._blocks.push(rows)
-        if held:  # a walk's joints stop for single blocks
-            self._persists = max(self._persists - 1, 0)
-            return None
         found, best = self._deviations(before, errors), None
         if found is not None and self._conspicuous(found.size):
             best = self._largest(found, np.zeros_like(found.size))
@@ -203,7 +199,7 @@ class ChangeDetector:
                 n = self._windows[: len(found.size)]
                 by_model = self._blocks.by_errors(n, np.zeros_like(n), before, errors, self._scale)
                 best = self._largest(found, by_model)
-        beyond = best is not None and best.ratio > self.settings.deviations
+        beyond = best is not None and best.ratio > self.settings.deviations and not held
         self._persists = (self._persists + 1) * beyond
         if best is None or self._persists < self.settings.confirmed:
             return None
@@ -222,9 +218,7 @@ class ChangeDetector:
             means, _ = self._means(self._windows[at : at + 1], segment, errors)
             return float((np.abs(means[0] - self._past.centre) / np.sqrt(self._spreads.square[at])).max())
 
-        agrees = ratio(before) < settings.agreeing and ratio(since) > settings.deviations
-        self._agrees = (self._agrees + 1) * agrees
-        return self._agrees >= settings.confirmed
+        return ratio(before) < settings.agreeing and ratio(since) > settings.deviations
 
     def learn(self, before: Segment, errors: Errors) -> None:
         """Updates the spread of averages under a constant load.

@@ -81,20 +81,16 @@ class LoadChanges:
 
     def look(self, rows: WeightedRows, history: History, errors: Errors, held: bool) -> Found:
         """Looks for a change in the last block, and divides the history there; `held`: reports none."""
-        if self._withdrawn(rows, history, errors):
+        if self._withdrawn(history, errors, rows.time):
             return Found.BACK
         before = history.aged
-        jump = self.detector.look(rows, before, errors, held or not self._comparable(rows, before))
+        # friction of joints that stop would pass for a load against an estimate from joints that slide, or reversely
+        slides, slid = rows.sliding >= self._settings.changes.sliding, 2.0 * before.moved > before.weight
+        jump = self.detector.look(rows, before, errors, held or slides != slid)
         if jump is None or self.place(history, errors):
             return Found.SAME
         self._divide(jump, history, errors, rows.time)
         return Found.OTHER
-
-    def _comparable(self, rows: WeightedRows, before: Segment) -> bool:
-        """False between blocks in which joints stop and an estimate from joints that slide, or reversely, where
-        friction would pass for a load.
-        """
-        return (rows.sliding >= self._settings.changes.sliding) == (2.0 * before.moved > before.weight)
 
     def place(self, history: History, errors: Errors, wait: float = 0.0) -> bool:
         """Looks where the load is, unless that was done less than a time `wait` [s] ago; True if it is elsewhere than
@@ -123,16 +119,14 @@ class LoadChanges:
             self._changing = _Change(begun, now, known.before)
         self.detector.restart(len(history.recent))
 
-    def _withdrawn(self, rows: WeightedRows, history: History, errors: Errors) -> bool:
+    def _withdrawn(self, history: History, errors: Errors, now: float) -> bool:
         """Returns to the load before the last change if it is that again; forgets that load once the change is old."""
         rival = self._rival
         if rival is None:
             return False
-        if rows.time - rival.time > self._settings.changes.transient:
+        if now - rival.time > self._settings.changes.transient:
             self._rival = None
-        elif self._comparable(rows, rival.known.before) and self.detector.returned(
-            rival.known.before, rival.since, errors
-        ):
+        elif self.detector.returned(rival.known.before, rival.since, errors):
             self._rival = None
             self._ended, self._changing = rival.changes, rival.changing
             later = (load for load in history.finished if load not in rival.known.finished)

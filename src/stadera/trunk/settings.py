@@ -179,9 +179,7 @@ class ChangeSettings:
         least_change: change of mass as a share of the robot's mass, or of first moment over mass times leg length [1].
         deviations: number of standard deviations that a change must exceed.
         windows: lengths of the averages that are compared with the earlier estimate [blocks].
-        confirmed: number of blocks for which it must persist, and for which a load that is back must. With 8, half of
-            the loads of 5 % on drawn robots were noticed within half a second, with 5 two thirds; with 3, or with fewer
-            than 4 standard deviations, impacts pass for loads.
+        confirmed: number of blocks for which it must persist.
         history: time of data, by the weights of blocks, needed before a change can be reported [s].
         pending: latest blocks excluded from the earlier estimate, at least as many as the longest average.
         back: length of the average, one of `windows`, by which a load that is back to what it was before a change is
@@ -203,7 +201,7 @@ class ChangeSettings:
     least_change: float = 0.015
     deviations: float = 4.25
     windows: tuple[int, ...] = (6, 14, 25, 40)
-    confirmed: int = 5
+    confirmed: int = 8
     history: float = 0.8
     pending: int = 56
     back: int = 6
