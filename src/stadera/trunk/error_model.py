@@ -149,7 +149,6 @@ class ErrorModel:
             robot's weight on one stretched leg.
         dry: (joints,) Coulomb friction that the robot's model has [N·m]; the errors are beyond it, static friction is
             not.
-        by_load: friction that grows with the torque carried, of a knee of one of the legs [N·m].
         drift: (joints,), standard deviation of the torques' offsets under one load from their mean of all [N·m].
         covariance: (count, count).
         length: of a leg [m].
@@ -175,8 +174,6 @@ class ErrorModel:
             std[place] = np.fmin(std[place], least)  # as it was for a joint or term that was not identified, NaN
         self.drift = sizes.drift / np.sqrt(2.0) * self.limit
         self.dry = np.abs([robot.dynamics[joint].coulomb for leg in robot.legs for joint in leg.joints])
-        # on a leg bent to 80 % of its length, the foot below the hip, the knee is off the line by 0.3 of the length
-        self.by_load = sizes.load_friction * 0.3 * largest / layout.contacts
         std[places["stiction"]] = sizes.held * np.hypot(self.dry, std[places["coulomb"]])
         for name in _AS_STATED:
             std[places[name]] = getattr(sizes, name)

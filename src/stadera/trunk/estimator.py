@@ -132,9 +132,10 @@ class TrunkEstimator:
         Raises:
             RecordingError: missing values or wrong shapes.
         """
-        if not isinstance(t, Measurement):
-            t = self._front.measured(float(t), q, dq, tau, gyro, accel)
-        table = self._front.gather(t)
+        self._take(t if isinstance(t, Measurement) else self._front.measured(float(t), q, dq, tau, gyro, accel))
+
+    def _take(self, measurement: Measurement) -> None:
+        table = self._front.gather(measurement)
         if table is not None:
             self.add_table(table)
 

@@ -19,7 +19,7 @@ from stadera.trunk.error_model import ErrorLayout
 from stadera.trunk.ground import GroundNormal, turned
 from stadera.trunk.measurement import Measurement
 from stadera.trunk.rows import BlockRows, RowMaker
-from stadera.trunk.samples import SampleBuffer, Samples, Stretch
+from stadera.trunk.samples import SampleBuffer, Samples
 from stadera.trunk.settings import TrunkSettings
 from stadera.trunk.spikes import SpikeFilter
 from stadera.trunk.window import Window, window_of
@@ -143,10 +143,7 @@ class Front:
 
     def take(self, table: Array) -> Iterator[Made]:
         """The blocks that these samples complete, see `Samples.table`, one by one; `ahead` at a time are computed."""
-        return self._blocks_of(self._buffer.take(table))
-
-    def _blocks_of(self, stretches: Iterator[Stretch]) -> Iterator[Made]:
-        for stretch in stretches:
+        for stretch in self._buffer.take(table):
             if stretch.reason:
                 yield Made(refusal=stretch.reason, due=stretch.begin)
             if stretch.gap:

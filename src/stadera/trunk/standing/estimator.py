@@ -15,7 +15,6 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from stadera.constants import GRAVITY
 from stadera.inertia import skew
@@ -119,34 +118,26 @@ class StandingEstimator(TrunkEstimator):
         self._seen = -np.inf
         self._block: BlockRows | None = None
 
-    def update(
-        self,
-        t: float | Measurement,
-        q: ArrayLike | None = None,
-        dq: ArrayLike | None = None,
-        tau: ArrayLike | None = None,
-        gyro: ArrayLike | None = None,
-        accel: ArrayLike | None = None,
-    ) -> None:
-        """Processes one sample, as `TrunkEstimator.update`, or refuses it."""
-        m = t if isinstance(t, Measurement) else self._front.measured(t, q, dq, tau, gyro, accel)
-        reason, last = not_finite(m, self.robot.tree.joints), self._seen
-        if not reason and not m.time > last:
-            reason = f"time must increase, got {m.time:.6f} s after {last:.6f} s"
-        if not reason:
-            self._seen = m.time
-            forces = self._forces.at(m)
-            reason = self._gate.complaint(m, forces) or stretched(forces, self.robot, m.stance)
-        if reason:
+    def _take(self, measurement: Measurement) -> None:
+        if reason := self._complaint(measurement):
             self._refuse(reason)
             return
-        self._at_rest = m
-        super().update(m)
+        self._at_rest = measurement
+        super()._take(measurement)
+
+    def _complaint(self, m: Measurement) -> str:
+        """Why a sample is not one at rest; empty if it is."""
+        if reason := not_finite(m, self.robot.tree.joints):
+            return reason
+        if not m.time > self._seen:
+            return f"time must increase, got {m.time:.6f} s after {self._seen:.6f} s"
+        self._seen, forces = m.time, self._forces.at(m)
+        return self._gate.complaint(m, forces) or stretched(forces, self.robot, m.stance)
 
     def add(self, samples: Samples | Sequence[Measurement]) -> None:
         """Processes any number of samples, equivalent to as many calls of `update`."""
-        for m in samples:
-            self.update(m)
+        for measurement in samples:
+            self._take(measurement)
 
     def _learn(self, made: Made) -> None:
         if made.rows is not None:

@@ -20,7 +20,7 @@ These are three equations for three unknowns, M and the two angles of u. They ar
 as a share of the weight. If feet do not slip and joints are at rest, three feet hold the trunk at rest as well, so a
 gyro would add nothing. Only an IMU could detect a steady push or pull across the vertical, which tilts F, and an
 accelerating ground, which changes its magnitude; both are attributed to weight here. Constant errors of torques have
-the same effect, and are in the error bars (`stadera.lab.laws.equilibrium`).
+the same effect, and are in the error bars (`stadera.trunk.standing.estimator`).
 """
 
 from __future__ import annotations
