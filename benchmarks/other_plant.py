@@ -103,6 +103,8 @@ class Plant:
         self.q, self.v = (
             np.array([at[0] for at in each]) for each in zip(*((j.qposadr, j.dofadr) for j in moved), strict=True)
         )
+        limited = np.array([bool(joint.limited[0]) for joint in moved])[:, None]
+        self.range = np.where(limited, np.array([joint.range for joint in moved]), (-np.pi, np.pi)).T
         self.trunk = int(model.jnt_bodyid[0])
         by_leg: dict[int, list[int]] = {}
         for k, joint in enumerate(moved):
@@ -182,13 +184,14 @@ class Plant:
         return J[:, self.v[self.legs[leg]]]
 
     def reached(self, feet: Array, start: Array, steps: int) -> Array:
-        """Joint positions that put the feet (4, 3) at places in the trunk's frame, by Newton's method."""
+        """Joint positions within their limits that put the feet (4, 3) at places in the trunk's frame."""
         q = start.copy()
         for _ in range(steps):
             self._pose(q)
             for k, leg in enumerate(self.legs):
                 J, left = self.slope(self.posture, k), feet[k] - self.posture.geom_xpos[self.feet[k]]
                 q[leg] += J.T @ np.linalg.solve(J @ J.T + 1e-6 * np.eye(3), left)
+            q = np.clip(q, *self.range)
         return q
 
     def run(self, gait: str, load: float, rate: int, rng: np.random.Generator) -> Run:
