@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from stadera import identify
-from stadera.identify.floating import _without_prior, floating_log
+from stadera.identify.floating import floating_log
 from stadera.identify.result import Identification
 from stadera.identify.schema import with_identified_legs
 from stadera.identify.settings import IdentifySettings
@@ -80,9 +80,9 @@ def test_the_prior_divided_out_and_put_back_gives_the_posterior() -> None:
     prior = noise @ noise.T + np.eye(5)
     target = rng.normal(size=3)
     covariance = np.linalg.inv(rows.T @ rows + np.linalg.inv(prior))
-    R, z = _without_prior(covariance @ rows.T @ target, covariance, prior, least=1e-9)
-    np.testing.assert_allclose(R.T @ R, rows.T @ rows, atol=1e-9)
-    np.testing.assert_allclose(R.T @ z, rows.T @ target, atol=1e-9)
+    told = Information.of_posterior("abcde", covariance @ rows.T @ target, covariance, prior, least=1e-9)
+    np.testing.assert_allclose(told.R.T @ told.R, rows.T @ rows, atol=1e-9)
+    np.testing.assert_allclose(told.R.T @ told.z, rows.T @ target, atol=1e-9)
 
 
 def test_walk_and_legs_in_the_air_together_know_more(tmp_path: Path) -> None:

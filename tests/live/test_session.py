@@ -126,7 +126,8 @@ def test_what_was_learnt_of_a_robot_is_remembered(robot: Robot, unloaded: list[A
     assert "already" in said
     assert session.estimator is not None
     assert again.estimator is not None
-    assert again.estimator.trunk.mass_std <= session.estimator.trunk.mass_std
+    once = session.estimator.trunk.mass_std
+    assert again.estimator.trunk.mass_std == pytest.approx(once, rel=1e-3)  # a log does not count twice
     with pytest.raises(IdentificationError, match="another model"):
         LiveSession(load_robot("go2"), memory=Memory.none(load_robot("hyq")))
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -18,6 +19,8 @@ if TYPE_CHECKING:
     from stadera.fleet.jobs import FleetOptions, LogJob
     from stadera.fleet.pool import Pool
     from stadera.fleet.table import FleetTable
+    from stadera.robot.model import Robot
+    from stadera.trunk.memory import Memory
 
 
 @dataclass(frozen=True)
@@ -74,7 +77,15 @@ def fleet(
     pages: Annotated[
         Path | None, option("FOLDER", "Write a page of each log; points and rows of the --report open them.")
     ] = None,
-    memory: Annotated[float, option("GB", "Memory of a local worker, above which it is restarted.")] = 2.0,
+    memory: Annotated[
+        Path | None,
+        option(
+            "F.json", "What earlier logs told of the robot; read if it is there, and written anew; F-NAME of several."
+        ),
+    ] = None,
+    worker_memory: Annotated[
+        float, option("GB", "Memory of a local worker, above which it is restarted.", "--worker-memory")
+    ] = 2.0,
     *,
     given: FleetLogs,
     processes: opt.PoolOptions,
@@ -86,7 +97,7 @@ def fleet(
     resumes, and finished logs are skipped while log, options and version are unchanged.
     """
     given.check()
-    pool = processes.pool(memory=round(1e9 * memory))
+    pool = processes.pool(memory=round(1e9 * worker_memory))
     if merge is not None and not identify:
         raise typer.BadParameter("needs --identify", param_hint="--merge")
     springs = None if stiffness is None else parse.point(stiffness)
@@ -94,6 +105,7 @@ def fleet(
     from stadera.boundary import foreign
     from stadera.errors import StaderaError
     from stadera.fleet.jobs import FleetOptions
+    from stadera.fleet.run import memory_paths
     from stadera.report.fleet import fleet_tables
 
     folder = None if pages is None else str(pages.absolute())
@@ -101,15 +113,15 @@ def fleet(
         identify, method, springs, imu_frame, options.topics, options.reading, force, options.fix, folder
     )
     jobs = given.jobs(shared)
-    check_outputs((out, json, report, merge))
+    files = {} if memory is None else memory_paths(memory, jobs)
+    check_outputs((out, json, report, merge, *files.values()))
     check_report(report)
     if pages is not None:
         with foreign(pages, "no folder can be made there", StaderaError):
             pages.mkdir(parents=True, exist_ok=True)
-    table = _run(jobs, out, pool)
-    write_outputs(
-        (json, json_of(table.to_dict)), (report, text_of(lambda: table.to_html(_links(table, pages, report))))
-    )
+    table = _run(jobs, out, pool, memory)
+    page = text_of(lambda: table.to_html(_links(table, pages, report), _memories(jobs, files)))
+    write_outputs((json, json_of(table.to_dict)), (report, page))
     if merge is not None:
         _merge(table, jobs, merge)
     show(*fleet_tables(table))
@@ -118,16 +130,29 @@ def fleet(
         raise StaderaError(f"{many}: {table.rows[0]['error']}")
 
 
-def _run(jobs: list[LogJob], out: Path, pool: Pool) -> FleetTable:
+def _run(jobs: list[LogJob], out: Path, pool: Pool, memory: Path | None) -> FleetTable:
     """Runs the fleet. Raises StaderaError after Ctrl-C; finished rows are kept."""
     from stadera.errors import StaderaError
     from stadera.fleet.run import run_fleet
 
     try:
         with progress() as watch:
-            return run_fleet(jobs, out, pool, watch)
+            return run_fleet(jobs, out, pool, watch, memory=memory)
     except KeyboardInterrupt:
         raise StaderaError(f"broken off; what is done is in {out}, and the same command goes on from there") from None
+
+
+def _memories(jobs: list[LogJob], files: Mapping[str, Path]) -> dict[str, tuple[Robot, Memory]]:
+    """Model and memory of each robot that has one, by its name in the table."""
+    from stadera.fleet.jobs import robot_named_in
+    from stadera.fleet.run import owner_of
+    from stadera.trunk.memory import Memory
+
+    models = {owner_of(job): job for job in jobs if files}
+    found = {
+        of: job.model(job.robot or robot_named_in(Path(job.log))) for of, job in models.items() if files[of].exists()
+    }
+    return {of: (robot, Memory.read(files[of], robot)) for of, robot in found.items()}
 
 
 def _links(table: FleetTable, pages: Path | None, report: Path | None) -> dict[str, str]:

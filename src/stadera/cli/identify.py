@@ -10,7 +10,18 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from stadera.cli import parse
-from stadera.cli.options import Force, LogOptions, ModelOptions, RobotOfLog, argument, flag, grouped, option
+from stadera.cli.options import (
+    Force,
+    LogOptions,
+    MemoryFile,
+    ModelOptions,
+    RobotOfLog,
+    argument,
+    flag,
+    grouped,
+    option,
+    remembered,
+)
 from stadera.cli.outputs import ResultFiles, check_table
 from stadera.cli.terminal import progress, show
 
@@ -72,6 +83,7 @@ def identify(
         str | None,
         option("[N=]F.csv", "Write N robots drawn from the posterior [1000], a row each; .csv or .parquet.", "--draws"),
     ] = None,
+    memory: MemoryFile = None,
     force: Force = False,
     *,
     fit: FitOptions,
@@ -96,7 +108,8 @@ def identify(
     from stadera.robot.usd import require_usd
 
     model = shape.load(options.robot(robot, logs[0]), options.reading.limits)
-    files.check(export, table)
+    files.check(export, table, memory)
+    known = remembered(memory, model)
     if table is not None:
         check_table(table)
     suffix = "" if export is None else export.suffix.lower()
@@ -108,11 +121,14 @@ def identify(
     training = [options.log(path) for path in logs]
     validation = [options.log(path) for path in validate or ()]
     with progress() as watch:
-        result = identify_legs(model, training, settings, validation or None, watch, fix=options.fix, force=force)
+        result = identify_legs(
+            model, training, settings, validation or None, watch, fix=options.fix, force=force, memory=known
+        )
     _require_trust(result, force)
     drawn = (table, lambda draft: result.save_draws(draft, count))
     model_file = result.save_actuators if drives else result.save_usd if usd else result.save_urdf
-    files.write_result(result, (export, model_file), drawn)
+    kept = [] if result.memory is None else [(memory, result.memory.save_json)]
+    files.write_result(result, (export, model_file), drawn, *kept)
     show(*identification_tables(result))
 
 

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from stadera.cli import options as opt
-from stadera.cli.options import LogOptions, RobotOptions, argument, grouped, option, save_memory
+from stadera.cli.options import LogOptions, RobotOptions, argument, grouped, option, remembered
 from stadera.cli.outputs import REPLAY
 from stadera.cli.terminal import show
 
@@ -64,7 +64,7 @@ def live(
 
     model = weighed.model(robot, options.reading.limits)
     check_outputs((record, weighed.rrd, weighed.memory))
-    known = weighed.remembered(model)
+    known = remembered(weighed.memory, model)
     where = Endpoints(tuple(connect or ()), tuple(listen or ()), config)
     with weighed.watching(model) as watch, written_together([] if record is None else [record]) as drafts:
         reading = options.reading if log is None else AS_RECORDED  # a log is read with it
@@ -78,8 +78,7 @@ def live(
     if weighed.memory is not None:
         learnt, said = session.remembered()
         if learnt is not None:
-            with written_together([weighed.memory]) as (draft,):
-                save_memory(learnt, draft)
+            learnt.save_json(weighed.memory)
         show(said)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, is_dataclass
@@ -14,8 +13,6 @@ from typing import TYPE_CHECKING, Annotated, Any, cast
 import typer
 
 from stadera.cli import parse
-from stadera.files import write_text
-from stadera.results import json_text
 
 if TYPE_CHECKING:
     from stadera.fleet.pool import Pool
@@ -66,6 +63,10 @@ ImuFrame = Annotated[
 ]
 JointTopic = Annotated[str | None, option("TOPIC", "Topic to read, if several have joints.", "--joint-topic")]
 ImuTopic = Annotated[str | None, option("TOPIC", "Topic to read, if there are several IMUs.")]
+MemoryFile = Annotated[
+    Path | None,
+    option("F.json", "What earlier logs told of this robot; read if it is there, and written anew.", "--memory"),
+]
 JsonFile = Annotated[Path | None, option("F", "Write the result as JSON.", "--json")]
 ReportFile = Annotated[Path | None, option("F.html", "Write an HTML report; F.pdf is printed by Chromium.", "--report")]
 Force = Annotated[bool, flag("Give a result even if it is not to be trusted, every figure marked.", "--force")]
@@ -219,9 +220,7 @@ class RobotOptions(ModelOptions):
     """Options for the robot that is weighed."""
 
     weight: Weight = None
-    memory: Annotated[
-        Path | None, option("F.json", "What earlier logs told of this robot; read if it is there, and written anew.")
-    ] = None
+    memory: MemoryFile = None
     at: Annotated[
         str | None,
         option("LINK", "Link or frame on which the payload is, such as a hand's [default: the likeliest place]."),
@@ -244,20 +243,6 @@ class RobotOptions(ModelOptions):
         robot = self.load(name, limits)
         return robot if self.legs is None else with_identified_legs(robot, self.legs, self.force)
 
-    def remembered(self, robot: Robot) -> Memory | None:
-        """The memory in its file, a new one if there is no such file. Raises IdentificationError: it holds none of the
-        robot's.
-        """
-        from stadera.errors import IdentificationError
-        from stadera.trunk.memory import Memory
-
-        if self.memory is None or not self.memory.exists():
-            return None if self.memory is None else Memory.none(robot)
-        try:
-            return Memory.from_dict(json.loads(self.memory.read_text(encoding="utf-8"))).check(robot)
-        except (ValueError, IdentificationError) as error:
-            raise IdentificationError(f"--memory {self.memory}: {error}") from None
-
     @contextmanager
     def watching(self, robot: Robot) -> Iterator[Watch | None]:
         """Yields a viewer's `watch`, None if none was requested; the file is complete when the block ends without an
@@ -276,7 +261,8 @@ class RobotOptions(ModelOptions):
             yield viewer.watch
 
 
-def save_memory(memory: Memory | None, path: Path) -> None:
-    """Writes it, if there is one."""
-    if memory is not None:
-        write_text(path, json_text(memory.to_dict()))
+def remembered(path: Path | None, robot: Robot) -> Memory | None:
+    """The memory in a file, see `Memory.read`; None if none is asked for."""
+    from stadera.trunk.memory import Memory
+
+    return None if path is None else Memory.read(path, robot)

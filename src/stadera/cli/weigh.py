@@ -7,7 +7,7 @@ from typing import Annotated
 
 from stadera.cli import options as opt
 from stadera.cli import parse
-from stadera.cli.options import RobotOptions, argument, grouped, option, save_memory
+from stadera.cli.options import RobotOptions, argument, grouped, option, remembered
 from stadera.cli.outputs import ResultFiles
 from stadera.cli.terminal import progress, show
 
@@ -57,18 +57,18 @@ def weigh(
         from stadera.robot.export import check_export
 
         check_export(model, export)
-    remembered = weighed.remembered(model)
+    memory = remembered(weighed.memory, model)
     true = None if truth is None else read_truth(truth)
     with weighed.watching(model) as watch, progress() as bar:
         unloaded = options.log(chosen_tare) if isinstance(chosen_tare, Path) else chosen_tare
         result = weigh_log(
             model, options.log(log), unloaded, method, imu_frame=weighed.imu_frame, stiffness=springs,
             force=weighed.force, fix=options.fix, progress=bar, watch=watch, weight=on_scale, known=test,
-            memory=remembered, at=weighed.at,
+            memory=memory, at=weighed.at,
         )  # fmt: skip
     files.write(
         (export, result.save_urdf),
-        (weighed.memory if result.memory else None, lambda draft: save_memory(result.memory, draft)),
+        *([] if result.memory is None else [(weighed.memory, result.memory.save_json)]),
         values=result.to_dict,
         page=lambda: result.to_html(true),
         latex=result.to_latex,

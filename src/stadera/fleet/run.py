@@ -25,13 +25,16 @@ from stadera.fleet.jobs import LogJob, digest, fetched, is_url, robot_named_in
 from stadera.fleet.pool import Failure, Pool, journal, read_journal, run_tasks
 from stadera.fleet.table import COLUMNS, SIDES, FleetTable, read_fleet, side_path, table_path
 from stadera.logs.topics import LogFile
+from stadera.report.numbers import counted
 from stadera.results import finite_or_none
+from stadera.trunk.memory import UNCHANGED, Memory
 from stadera.weigh.settings import tare_of
 
 if TYPE_CHECKING:
     from stadera.identify.result import Identification
     from stadera.results import Result
     from stadera.trust import Trust
+    from stadera.weigh.result import Weighing
 
 
 Row = dict[str, Any]
@@ -40,10 +43,16 @@ Row = dict[str, Any]
 
 @dataclass(frozen=True)
 class Task:
-    """A log to be processed unless it has been already, and the key of its previous result; None if there is none."""
+    """A log to be processed unless it has been already.
+
+    Attributes:
+        known: key of its previous result; None if there is none.
+        memory: file of the robot's memory, see `stadera.trunk.memory`; None for none.
+    """
 
     job: LogJob
     known: str | None = None
+    memory: Path | None = None
 
 
 @dataclass(frozen=True)
@@ -56,6 +65,11 @@ class Done:
     row: Row | None  # None if the result under this key exists already
 
 
+def process_in_turn(tasks: tuple[Task, ...]) -> list[Done]:
+    """Processes the logs of one robot, each with its memory of those before."""
+    return [process(task) for task in tasks]
+
+
 def process(task: Task) -> Done:
     """Weighs one log, or identifies legs from it. Any error becomes part of the row."""
     job, begun = task.job, perf_counter()
@@ -64,11 +78,17 @@ def process(task: Task) -> Done:
     with ExitStack() as stack:
         try:
             path = stack.enter_context(fetched(job.log))
-            source = _Source.of(job, path, stack)
+            source = _Source.of(task, path, stack)
             if source.key == task.known:
                 return Done(source.key, None)
             row |= {"sha256": source.sha256, "robot": job.name or source.robot}
-            row |= _identified(job, source) if job.options.identify else _weighed(job, source)
+            memory = None if task.memory is None else Memory.read(task.memory, job.model(source.robot))
+            result, found = (_identified if job.options.identify else _weighed)(job, source, memory)
+            row |= found
+            if task.memory is not None:
+                row["memory"] = _learnt(result)
+            if result.memory is not None and task.memory is not None:
+                result.memory.save_json(task.memory)
         except Exception as error:  # whatever it is, the other logs go on
             said = " ".join(str(error).split()).replace(str(path), job.log)
             internal = "" if isinstance(error, StaderaError) else f"internal error, {type(error).__name__}: "
@@ -80,6 +100,30 @@ def process(task: Task) -> Done:
     named = {"log": job.log, "robot": row["robot"]}
     row |= {name: [named | side for side in row[name]] for name in SIDES}
     return Done(None if source is None else source.key, row)
+
+
+def _learnt(result: Weighing | Identification) -> str:
+    """What became of a robot's memory."""
+    if result.memory is None:
+        return next((note for note in result.notes if note.startswith(UNCHANGED)), f"{UNCHANGED}: nothing was learnt")
+    return f"of {counted(result.memory.logs - 1, 'earlier log')}"
+
+
+def memory_paths(path: str | PathLike[str], jobs: Sequence[LogJob]) -> dict[str, Path]:
+    """File of each robot's memory: the path itself if it is of all jobs, with the robots' names where they have any.
+
+    Raises:
+        StaderaError: neither a job nor a log on disk says which robot it is.
+    """
+    path, owners = Path(path), dict.fromkeys(map(owner_of, jobs))
+    if len(owners) == 1 and all(job.name is None for job in jobs):
+        return dict.fromkeys(owners, path)
+    return {owner: path.with_stem(f"{path.stem}-{Path(owner).stem}") for owner in owners}
+
+
+def owner_of(job: LogJob) -> str:
+    """The individual robot of a job, else the model. Raises StaderaError: neither it nor a log on disk says."""
+    return job.name or job.robot or robot_named_in(Path(job.log))
 
 
 def page_path(folder: str | Path, log: str) -> Path:
@@ -94,7 +138,7 @@ def is_done(task: Task) -> bool:
         return False
     try:
         with ExitStack() as stack:
-            return _Source.of(task.job, stack.enter_context(fetched(task.job.log)), stack).key == task.known
+            return _Source.of(task, stack.enter_context(fetched(task.job.log)), stack).key == task.known
     except (StaderaError, OSError):
         return False
 
@@ -120,15 +164,16 @@ class _Source:
     key: str
 
     @classmethod
-    def of(cls, job: LogJob, path: Path, stack: ExitStack) -> _Source:
+    def of(cls, task: Task, path: Path, stack: ExitStack) -> _Source:
         """Fetches them. Raises RecordingError, ModelError or UnknownNameError if tare or robot cannot be found."""
+        job = task.job
         given = None if job.tare is None else tare_of(job.tare)
         tare = stack.enter_context(fetched(given)) if isinstance(given, str) else given
         robot, sha256 = job.robot or robot_named_in(path), digest(path)
         files = [job.model(robot).source, job.legs, tare if isinstance(tare, Path) else None]
         states = [(Path(file), Path(file).stat()) if file is not None else None for file in files]
         contents = [known and _digest(known[0], known[1].st_size, known[1].st_mtime_ns) for known in states]
-        text = repr((sha256, stadera.__version__, job, robot, contents))
+        text = repr((sha256, stadera.__version__, job, robot, contents)) + " with memory" * (task.memory is not None)
         return cls(path, tare, robot, sha256, hashlib.sha256(text.encode()).hexdigest())
 
 
@@ -138,7 +183,7 @@ def _digest(path: Path, size: int, modified: int) -> str:
     return digest(path)
 
 
-def _weighed(job: LogJob, source: _Source) -> Row:
+def _weighed(job: LogJob, source: _Source, memory: Memory | None) -> tuple[Weighing, Row]:
     from stadera.weigh.weigh import weigh
 
     options = job.options
@@ -152,6 +197,7 @@ def _weighed(job: LogJob, source: _Source) -> Row:
         stiffness=options.stiffness,
         force=options.force,
         fix=options.fix,
+        memory=memory,
     )
     _write_page(job, result)
     row: Row = {"begin": result.begin, "end": result.end, "changes": len(result.changes)}
@@ -160,10 +206,10 @@ def _weighed(job: LogJob, source: _Source) -> Row:
         row |= _pair(f"com_{axis}", value, std)
     if result.payload is not None:
         row |= _pair("payload_mass", result.payload.mass, result.payload.mass_std)
-    return row | _trust(result.trust)
+    return result, row | _trust(result.trust)
 
 
-def _identified(job: LogJob, source: _Source) -> Row:
+def _identified(job: LogJob, source: _Source, memory: Memory | None) -> tuple[Identification, Row]:
     from stadera.identify.legs import identify
     from stadera.identify.log import has_effort, time_span
     from stadera.identify.settings import IdentifySettings
@@ -172,13 +218,14 @@ def _identified(job: LogJob, source: _Source) -> Row:
     robot = job.model(source.robot)
     log = _log(job, source.path)
     legs = tuple(leg.name for leg in robot.legs if has_effort(log, leg.joints))
-    result = identify(robot, log, IdentifySettings(legs=legs or None), fix=options.fix, force=options.force)
+    how = IdentifySettings(legs=legs or None)
+    result = identify(robot, log, how, fix=options.fix, force=options.force, memory=memory)
     if result.trust.verdict == "bad" and not options.force:
         raise UntrustedError(f"{log.source}: not to be trusted: {'; '.join(result.trust.reasons)}")
     _write_page(job, result)
     begin, end = time_span(log, result.legs[0].leg.joints)
     sides = {"joints": list(_joints(result)), "legs": list(_legs(result))}
-    return {"begin": begin, "end": end} | _trust(result.trust) | sides
+    return result, {"begin": begin, "end": end} | _trust(result.trust) | sides
 
 
 def _write_page(job: LogJob, result: Result) -> None:
@@ -227,6 +274,7 @@ def run_fleet(
     pool: Pool | None = None,
     watch: Watch | None = None,
     saved_every: float = 30.0,
+    memory: str | PathLike[str] | None = None,
 ) -> FleetTable:
     """Weighs a fleet's logs, or identifies legs from them, and writes the table every `saved_every` [s] and at the end.
 
@@ -235,6 +283,8 @@ def run_fleet(
             existing table are kept, before these.
         out: path of the table, .parquet; logs that it already contains are skipped.
         pool: where logs are processed; None for one process per core.
+        memory: file of what is remembered of each robot, see `memory_paths`, which every log is weighed with and adds
+            to; the logs of one robot are then processed in turn.
 
     Raises:
         StaderaError: the table cannot be written or read, or there is no scheduler. Never raised for a log, whose row
@@ -248,9 +298,13 @@ def run_fleet(
         if job.robot is not None:
             job.model()  # errors appear before the computation
     fleet = _Fleet(target, jobs, saved_every)
-    by_log = {job.log: job for job in jobs}
-    tasks = {log: Task(job, fleet.key(log)) for log, job in by_log.items()}
+    files = {} if memory is None else memory_paths(memory, jobs)
+    tasks = {job.log: Task(job, fleet.key(job.log), files.get(owner_of(job)) if files else None) for job in jobs}
     waiting = {log: task for log, task in tasks.items() if not is_done(task)}
+    turns: dict[str, tuple[Task, ...]] = {}
+    for log, task in waiting.items():
+        of = log if task.memory is None else str(task.memory)
+        turns[of] = (*turns.get(of, ()), task)
     remote = any(map(is_url, waiting))  # else progress is by the logs' sizes, which determine their time
     sizes, done_so_far = {log: 1 if remote else _size(Path(log)) for log in waiting}, list[str]()
 
@@ -261,13 +315,15 @@ def run_fleet(
 
     report()
     try:
-        with journal(fleet.journal) as append, closing(run_tasks(process, waiting, pool or Pool())) as outcomes:
-            for log, outcome in outcomes:
-                done = lost(by_log[log], outcome.reason) if isinstance(outcome, Failure) else outcome
-                if done.row is not None:
-                    append({"key": done.key, "row": done.row})
-                    fleet.add(log, done)
-                done_so_far.append(log)
+        with journal(fleet.journal) as append, closing(run_tasks(process_in_turn, turns, pool or Pool())) as outcomes:
+            for of, outcome in outcomes:
+                if isinstance(outcome, Failure):
+                    outcome = [lost(task.job, outcome.reason) for task in turns[of]]
+                for task, done in zip(turns[of], outcome, strict=True):
+                    if done.row is not None:
+                        append({"key": done.key, "row": done.row})
+                        fleet.add(task.job.log, done)
+                    done_so_far.append(task.job.log)
                 report()
     finally:
         fleet.save()

@@ -5,17 +5,23 @@ failed. `changes` is the number of detected changes of the load. The file's meta
 which a later run recognises finished logs.
 """
 
+from __future__ import annotations
+
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from stadera.boundary import foreign
 from stadera.errors import StaderaError
 from stadera.files import written_together
 from stadera.results import Result, data_frame
+
+if TYPE_CHECKING:
+    from stadera.robot.model import Robot
+    from stadera.trunk.memory import Memory
 
 _VALUES = ("trunk_mass", "com_x", "com_y", "com_z", "payload_mass")
 _OF_LOG = {"log": "string", "robot": "string"}
@@ -29,8 +35,11 @@ COLUMNS: dict[str, str] = {
     "misfit": "double",
     "seconds": "double",
     "version": "string",
+    "memory": "string",
 }
-"""Columns of the table, with their types."""
+"""Columns of the table, with their types. `memory` is how many earlier logs the robot's memory held, or why it stays as
+it was.
+"""
 JOINTS = _OF_LOG | {"joint": "string", "parameter": "string", "value": "double", "std": "double"}
 """Columns of the table of joints: armature [kg·m²], viscous [N·m·s/rad], coulomb and offset [N·m]; `std` is null if the
 data do not measure the value.
@@ -81,11 +90,15 @@ class FleetTable(Result):
         found = departures(list(series_of(self)))
         return {"logs": list(self.rows), "joints": list(self.joints), "stands_out": [d.to_dict() for d in found]}
 
-    def to_html(self, pages: Mapping[str, str] | None = None) -> str:
-        """The report as one self-contained HTML page, with links to the `pages` of logs, addresses by log."""
+    def to_html(
+        self, pages: Mapping[str, str] | None = None, memories: Mapping[str, tuple[Robot, Memory]] | None = None
+    ) -> str:
+        """The report as one self-contained HTML page, with links to the `pages` of logs, addresses by log, and what is
+        remembered of robots, by name.
+        """
         from stadera.report.fleet import fleet_html
 
-        return fleet_html(self, pages or {})
+        return fleet_html(self, pages or {}, memories or {})
 
     def to_dataframe(self) -> Any:
         """The rows as a pandas DataFrame. Raises MissingExtraError: pandas is not installed."""
@@ -129,6 +142,8 @@ def _read(path: Path, columns: dict[str, str]) -> tuple[tuple[dict[str, Any], ..
 
     with foreign(path, "not a fleet's table", StaderaError):
         table = parquet.read_table(path)
+    if "memory" in columns and "memory" not in table.column_names:  # of a version that had none
+        table = table.append_column("memory", [[None] * table.num_rows])
     if missing := [name for name in columns if name not in table.column_names]:
         raise StaderaError(f"{path}: not a fleet's table: no column {', '.join(missing)}")
     return tuple(table.select(list(columns)).to_pylist()), (table.schema.metadata or {}).get(_KEYS, b"")

@@ -14,42 +14,41 @@ known no better than the links' inertia about its axis (`stadera.trunk.drives`).
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from zlib import crc32
 
 import numpy as np
 
 from stadera.body import Rows
 from stadera.identify.log import Log
+from stadera.identify.prior import Prior
 from stadera.inertia import ORDER
-from stadera.information import Information
+from stadera.information import Information, Places
 from stadera.logs.reader import stream
 from stadera.robot.model import Leg, Robot
 from stadera.trunk.drives import TERMS
+from stadera.trunk.error_model import ErrorLayout, ErrorModel
 from stadera.trunk.estimator import TrunkEstimator
+from stadera.trunk.memory import Memory, MemorySettings, days_of, places_of
 from stadera.trunk.result import TrunkParameters
 from stadera.trunk.samples import Samples
+from stadera.trunk.settings import ModelErrors
 from stadera.trust import Trust
 from stadera.types import Array, Progress
 
 
 @dataclass(frozen=True, eq=False)
-class FloatingLog:
-    """What one log of a robot on its feet tells.
+class Told:
+    """What a log of a robot on its feet, or the robot's memory, tells of its legs.
 
     Attributes:
         source: the log's name.
         by_leg: information on mass and first moment of each leg's links, and on its drives, offsets included.
-        trunk: with its uncertainty, payload included.
-        torque_lag: how much later than its stamp a torque acted [s], as of `stadera.identify.lag`.
-        trust: fit of the log.
     """
 
     source: str
     by_leg: Mapping[str, Information]
-    trunk: TrunkParameters
-    torque_lag: float
-    trust: Trust
 
     def of_leg(self, name: str, fixed: Mapping[str, float], *, offsets: bool) -> Information:
         """A leg's information with some parameters fixed, with or without the torque offsets, which change daily."""
@@ -58,16 +57,53 @@ class FloatingLog:
             found = found.marginal(c for c in found.names if not c.endswith(".offset"))
         return found.fix({name: value for name, value in fixed.items() if name in found.names})
 
+    @classmethod
+    def by(cls, memory: Memory, robot: Robot) -> Told:
+        """What a memory of the robot tells."""
+        errors, n = ErrorModel(robot, ModelErrors(), robot.leg_length), len(memory.known) - 1
+        places, std = places_of(errors.layout)[:n], np.sqrt(errors.variance)
+        within = np.ix_(places, places)
+        covariance, mean = np.diag(errors.variance), np.zeros(errors.layout.count)
+        known = memory.known.R[:n, :n]
+        prior = errors.covariance[within] / np.outer(std[places], std[places])
+        after = np.linalg.inv(known.T @ known + np.linalg.inv(prior))
+        covariance[within] = after * np.outer(std[places], std[places])
+        mean[places] = std[places] * (after @ (known.T @ memory.known.z[:n]))
+        return cls("the robot's memory", _Columns.of(robot).told(mean, covariance, errors.covariance))
 
-def floating_log(robot: Robot, log: Log, progress: Progress) -> FloatingLog:
+
+@dataclass(frozen=True, eq=False)
+class FloatingLog(Told):
+    """One log of a robot on its feet.
+
+    Attributes:
+        trunk: with its uncertainty, payload included.
+        torque_lag: how much later than its stamp a torque acted [s], as of `stadera.identify.lag`.
+        trust: fit of the log.
+        memory: the robot's memory with the log, None without one or if they contradict each other. said: of it.
+    """
+
+    trunk: TrunkParameters
+    torque_lag: float
+    trust: Trust
+    memory: Memory | None = None
+    said: str = ""
+
+
+def floating_log(robot: Robot, log: Log, progress: Progress, memory: Memory | None = None) -> FloatingLog:
     """Processes one log. Raises RecordingError: it lacks a joint's velocity or effort, or the IMU."""
-    estimator, done = TrunkEstimator(robot), 0
+    estimator, done, days = TrunkEstimator(robot), 0, np.nan
     for chunk in stream(log, joints=robot.tree.joints, require=("effort", "velocity", "imu")):
+        if not done and memory is not None:
+            days = days_of(float(chunk.time[0]))
+            estimator.recall(memory, days)
         samples = Samples.of_recording(chunk, robot)
         estimator.add(samples)
         done += len(samples)
         progress("links and drives of a robot on its feet", done, 0)
-    return FloatingLog(log.source, learnt(estimator), estimator.trunk, -estimator.torque_lag[0], estimator.trust)
+    kept, said = (None, "") if memory is None else estimator.told(memory, days)
+    lag, trust = -estimator.torque_lag[0], estimator.trust
+    return FloatingLog(log.source, learnt(estimator), estimator.trunk, lag, trust, kept, said)
 
 
 def _columns(leg: Leg) -> tuple[str, ...]:
@@ -75,56 +111,95 @@ def _columns(leg: Leg) -> tuple[str, ...]:
     return (*links, *(f"{joint}.{term}" for joint in leg.joints for term in TERMS))
 
 
+@dataclass(frozen=True, eq=False)
+class _Columns:
+    """Parameters of all legs, by leg, and the errors p of the model that change them: θ = model + slope p.
+
+    Attributes:
+        robot: the model. columns: names. at: (n,), places of their errors. slope: (n, n). model: (n,).
+    """
+
+    robot: Robot
+    columns: tuple[str, ...]
+    at: Places
+    slope: Array
+    model: Array
+
+    @classmethod
+    def of(cls, robot: Robot) -> _Columns:
+        """Of a robot. A link has a share of its mass, and a displacement of its centre."""
+        layout, joints = ErrorLayout.of(robot), [joint for leg in robot.legs for joint in leg.joints]
+        columns = tuple(name for leg in robot.legs for name in _columns(leg))
+        slope, at, model = np.eye(len(columns)), np.zeros(len(columns), dtype=np.intp), np.zeros(len(columns))
+        for n in range(0, len(columns), 4):
+            owner, own = columns[n].rsplit(".", 1)[0], slice(n, n + 4)
+            if owner in robot.inertias:
+                k, body = robot.tree.links.index(owner) - 1, robot.inertias[owner].vector[:4]
+                slope[own, own], model[own] = body[0] * np.eye(4), body
+                slope[own, n] = body
+                at[own] = layout.places["link_com"].start + k + layout.links * (np.arange(4) - 1)
+                at[n] = layout.places["link_mass"].start + k
+            else:
+                at[own] = [layout.places[name].start + joints.index(owner) for name in TERMS.values()]
+                model[own] = [getattr(robot.dynamics[owner], term) for term in TERMS]
+        return cls(robot, columns, at, slope, model)
+
+    def told(self, mean: Array, covariance: Array, start: Array) -> dict[str, Information]:
+        """What is told of each leg by N(`mean`, `covariance`) of all errors, which were N(0, `start`).
+
+        The prior has drives of one kind alike. That is divided out of all legs together; then each leg's part is what
+        is told of it with the other legs at the prior that they have each by itself, which is divided out in turn.
+        """
+        among = np.ix_(self.at, self.at)
+        told = Information.of_posterior(self.columns, mean[self.at], covariance[among], start[among])
+        sizes = [len(_columns(leg)) for leg in self.robot.legs]
+        owns = [slice(stop - size, stop) for stop, size in zip(np.cumsum(sizes), sizes, strict=True)]
+        apart = np.zeros_like(self.slope)
+        for own in owns:
+            apart[own, own] = start[among][own, own]
+        after = np.linalg.inv(told.R.T @ told.R + np.linalg.inv(apart))
+        middle, out = after @ (told.R.T @ told.z), {}
+        for leg, own in zip(self.robot.legs, owns, strict=True):
+            alone = Information.of_posterior(self.columns[own], middle[own], after[own, own], apart[own, own])
+            matrix = np.asarray(np.linalg.solve(self.slope[own, own].T, alone.R.T).T, dtype=float)
+            rows = Rows(self.columns[own], matrix, np.asarray(alone.z + matrix @ self.model[own]))
+            out[leg.name] = Information.of([rows], self.columns[own])
+        return out
+
+
 def learnt(estimator: TrunkEstimator) -> dict[str, Information]:
-    """What the estimator learnt about links and drives, by leg.
+    """What the estimator learnt about links and drives, by leg."""
+    errors, rotor = estimator.errors, estimator.errors.layout.places["rotor"]
+    covariance = errors.covariance.copy()
+    wider = estimator.drives.std[:, 0] ** 2 - np.diag(covariance)[rotor]
+    covariance[rotor, rotor] += np.diag(np.maximum(wider, 0.0))
+    return _Columns.of(estimator.robot).told(errors.mean, covariance, errors.start)
 
-    Its prior has drives of one kind alike. That is divided out of all legs together; then each leg's part is what is
-    told of it with the other legs at the prior that they have each by itself, which is divided out in turn.
+
+def remembered(
+    robot: Robot, memory: Memory, days: float, legs: Iterable[tuple[Prior, Information]]
+) -> tuple[Memory | None, str]:
+    """A memory with logs of legs in the air, None where they contradict it, and what to say of it.
+
+    Args:
+        days: time of the logs, days since 1970; NaN if unknown.
+        legs: prior and information of each leg, in units of its noise.
     """
-    robot, errors = estimator.robot, estimator.errors
-    places, joints = errors.layout.places, estimator.drives.joints
-    columns = tuple(name for leg in robot.legs for name in _columns(leg))
-    slope, at, model = np.eye(len(columns)), np.zeros(len(columns), dtype=np.int64), np.zeros(len(columns))
-    wider = np.zeros(len(columns))
-    for n in range(0, len(columns), 4):
-        owner, own = columns[n].rsplit(".", 1)[0], slice(n, n + 4)
-        if owner in robot.inertias:  # a share of the mass, and a displacement of the centre
-            k, body = robot.tree.links.index(owner) - 1, robot.inertias[owner].vector[:4]
-            slope[own, own], model[own] = body[0] * np.eye(4), body
-            slope[own, n] = body
-            at[own] = places["link_com"].start + k + errors.layout.links * (np.arange(4) - 1)
-            at[n] = places["link_mass"].start + k
-        else:
-            j, dynamics = joints.index(owner), robot.dynamics[owner]
-            at[own] = [places[name].start + j for name in TERMS.values()]
-            model[own] = [getattr(dynamics, term) for term in TERMS]
-            wider[n] = max(estimator.drives.std[j, 0] ** 2 - errors.covariance[at[n], at[n]], 0.0)
-    prior = errors.start[np.ix_(at, at)]
-    R, z = _without_prior(errors.mean[at], errors.covariance[np.ix_(at, at)] + np.diag(wider), prior)
-    sizes = [len(_columns(leg)) for leg in robot.legs]
-    owns = [slice(stop - size, stop) for stop, size in zip(np.cumsum(sizes), sizes, strict=True)]
-    out: dict[str, Information] = {}
-    apart = np.zeros_like(prior)
-    for own in owns:
-        apart[own, own] = prior[own, own]
-    covariance = np.linalg.inv(R.T @ R + np.linalg.inv(apart))
-    mean = covariance @ (R.T @ z)
-    for leg, own in zip(robot.legs, owns, strict=True):
-        R, z = _without_prior(mean[own], covariance[own, own], apart[own, own])
-        matrix = np.asarray(np.linalg.solve(slope[own, own].T, R.T).T, dtype=float)
-        out[leg.name] = Information.of([Rows(columns[own], matrix, np.asarray(z + matrix @ model[own]))], columns[own])
-    return out
-
-
-def _without_prior(mean: Array, covariance: Array, prior: Array, least: float = 0.1) -> tuple[Array, Array]:
-    """R and z, given the posterior of errors whose prior mean is zero; `least` is the information of a direction, in
-    units of the prior's, below which it is left out.
-    """
-    root = np.linalg.cholesky(prior)
-    inside = np.linalg.solve(root, np.linalg.solve(root, covariance).T)
-    sizes, axes = np.linalg.eigh(0.5 * (inside + inside.T))
-    told = 1.0 / sizes - 1.0
-    kept = told > least
-    told, axes = told[kept], axes[:, kept]
-    along = axes.T @ np.linalg.solve(root, mean)
-    return np.sqrt(told)[:, None] * np.linalg.solve(root.T, axes).T, (1.0 + told) / np.sqrt(told) * along
+    errors, every, told = (
+        ErrorModel(robot, ModelErrors(), robot.leg_length),
+        _Columns.of(robot),
+        Memory.none(robot).known,
+    )
+    names = dict(zip(places_of(errors.layout).tolist(), told.names, strict=True))
+    for prior, known in legs:
+        kept = [k for k, name in enumerate(every.columns) if name in prior.columns]
+        own = [prior.columns.index(every.columns[k]) for k in kept]
+        P = prior.root @ prior.root.T
+        after = np.linalg.inv(known.R.T @ known.R + np.linalg.inv(P))
+        mean = after @ (known.R.T @ (known.z - known.R @ prior.values))
+        alone = Information.of_posterior(map(str, own), mean[own], after[np.ix_(own, own)], P[np.ix_(own, own)])
+        of_errors = alone.R @ every.slope[np.ix_(kept, kept)] * np.sqrt(errors.variance[every.at[kept]])
+        columns = tuple(names[place] for place in every.at[kept].tolist())
+        told = told.merge(Information.of([Rows(columns, of_errors, alone.z)], columns))
+    checksum = crc32(np.round(told.z, 6).tobytes())
+    return memory.after(lambda: memory.with_log(told, days, MemorySettings(), checksum))

@@ -16,7 +16,7 @@ import numpy as np
 from stadera.body import JointMotion, TrunkMotion
 from stadera.checks import Guard
 from stadera.identify.agreement import Agreement
-from stadera.identify.floating import FloatingLog, floating_log
+from stadera.identify.floating import FloatingLog, Told, floating_log, remembered
 from stadera.identify.gather import (
     Gathered,
     LegModels,
@@ -41,6 +41,7 @@ from stadera.logs.topics import LogFile
 from stadera.process import one_thread
 from stadera.robot.load import load_robot
 from stadera.robot.model import Robot
+from stadera.trunk.memory import Memory, days_of
 from stadera.trunk.result import TrunkParameters
 from stadera.trust import Trust
 from stadera.types import Progress
@@ -58,6 +59,7 @@ def identify(
     *,
     fix: bool = False,
     force: bool = False,
+    memory: Memory | None = None,
 ) -> Identification:
     """Identifies the inertia, rotor inertia and friction of legs that swing freely while the trunk is held.
 
@@ -69,8 +71,11 @@ def identify(
         progress: called with the step's name, items done and total (0 if unknown).
         fix: correct units and signs of the logs that are certainly wrong, and add a note.
         force: use logs whose units or signs are wrong; `trust` says so.
+        memory: what earlier logs told of this robot; `Memory.none(robot)` begins one. The result's `memory` has these
+            logs too.
 
     Raises:
+        IdentificationError: the memory is of another robot or another model.
         RecordingError: there are no logs, or they lack a joint or its torque, are too short, or feet carry load.
         UnknownNameError: no such robot, leg or joint.
         ModelError: the model file cannot be read.
@@ -78,7 +83,7 @@ def identify(
     """
     model = load_robot(robot)
     asked, watch = settings or IdentifySettings(), progress or (lambda *_: None)
-    wanted = wanted_legs(model, asked)
+    wanted, memory = wanted_legs(model, asked), None if memory is None else memory.check(model)
     guard = Guard(model, joints_of(model, wanted), on_feet=False)
     admitted = partial(guard.admitted, fix=fix, force=force)
     fitted = tuple(map(admitted, as_logs(logs)))
@@ -87,9 +92,9 @@ def identify(
     forced = tuple(str(finding) for log in fitted for finding in guard.units(log)) if force else ()
     in_air = tuple(log for log in fitted if log not in on_feet)
     if not in_air:
-        return _from_feet(model, on_feet, wanted, asked, watch, forced)
+        return _from_feet(model, on_feet, wanted, asked, watch, forced, memory)
     job = prepare(model, in_air, asked, watch)
-    return _identified(replace(job, doubts=(*forced, *job.doubts)), in_air, on_feet, evaluated)
+    return _identified(replace(job, doubts=(*forced, *job.doubts)), in_air, on_feet, evaluated, memory)
 
 
 def _from_feet(
@@ -99,12 +104,19 @@ def _from_feet(
     asked: IdentifySettings,
     progress: Progress,
     doubts: tuple[str, ...],
+    memory: Memory | None,
 ) -> Identification:
     """By logs of a robot on its feet alone, whose prior are the model's values."""
     names = (*wanted, *(leg.name for leg in robot.legs if leg.name not in wanted and asked.spread is not None))
     tasks = [LegTask.of(robot, robot.leg(name), asked) for name in names]
-    floats = [floating_log(robot, log, progress) for log in logs]
-    told = [_floating_information(task, floats, Information.empty(task.prior.columns)) for task in tasks]
+    floats: list[FloatingLog] = []
+    kept = memory
+    for log in logs:
+        floats.append(floating_log(robot, log, progress, kept))
+        kept = floats[-1].memory or kept
+    agree = memory is not None and memory.logs and all(log.memory for log in floats)
+    known = Told.by(memory, robot) if memory is not None and agree else None
+    told = [_floating_information(task, floats, Information.empty(task.prior.columns), known) for task in tasks]
     posed = [(task.leg, found, task.prior) for task, found in zip(tasks, told, strict=True)]
     agreement = _agreement(tasks, [log.source for log in floats], [], floats)
     estimates = solve_legs(posed, asked.method, asked.spread, asked.solver, progress)
@@ -125,19 +137,23 @@ def _from_feet(
         torque_lag=floats[0].torque_lag,
         validated_on=None,
         trust=trust,
-        notes=_feet_notes(floats),
+        notes=(*_feet_notes(floats), *(log.said for log in floats if log.said)),
         warnings=agreement.differs if agreement else (),
         trunk=_best_trunk(floats),
         agreement=agreement,
+        memory=None if kept is memory else kept,
     )
 
 
-def _floating_information(task: LegTask, floats: Sequence[FloatingLog], own: Information) -> Information:
-    """A leg's information with that of logs on its feet; offsets are those of the only log, or of the legs in the
-    air.
+def _floating_information(
+    task: LegTask, floats: Sequence[FloatingLog], own: Information, known: Told | None = None
+) -> Information:
+    """A leg's information with that of logs on its feet, and of the robot's memory; offsets are those of the only log,
+    or of the legs in the air.
     """
     alone = len(floats) == 1 and not own.count
     logs = [log.of_leg(task.leg.name, task.fixed, offsets=alone) for log in floats]
+    logs += [] if known is None else [known.of_leg(task.leg.name, task.fixed, offsets=False)]
     return reduce(Information.merge, logs, own)
 
 
@@ -162,6 +178,7 @@ def _identified(
     fitted: Sequence[LogFile | Recording],
     on_feet: Sequence[LogFile | Recording],
     evaluated: Sequence[LogFile | Recording] | None,
+    memory: Memory | None,
 ) -> Identification:
     """The passes over admitted logs of legs in the air, and of the robot on its feet, whose prior are the legs then."""
     training, held_back, validated_on = parts_of(job, fitted, evaluated)
@@ -173,12 +190,14 @@ def _identified(
     job = with_varying_friction(job, training)
     gathered = gather(job, training)
     gathered = with_noise_of(job, training, gathered, [asked for asked, _ in _solve(job, gathered)])
-    estimates = _solve(job, gathered)
+    kept, said = _remembered(job, fitted, gathered, memory)
+    recalled = None if kept is None or memory is None or not memory.logs else Told.by(memory, job.robot)
+    estimates = _solve(job, gathered, recalled=recalled)
     floats: list[FloatingLog] = []
     if on_feet:
         known = [LegIdentification(t.leg, t.nominal, *found) for t, found in zip(job.tasks, estimates, strict=True)]
         floats = [floating_log(robot_with_legs(job.robot, known), log, job.progress) for log in on_feet]
-        estimates = _solve(job, gathered, floats)
+        estimates = _solve(job, gathered, floats, recalled)
     names, parts = _compared_parts(job, fitted, training, held_back)
     # a log has noise of its own, in which the difference from others is not
     several = len(parts) > 2 or names[0].startswith("log ")
@@ -197,11 +216,22 @@ def _identified(
         torque_lag=job.preprocessing.effort_delay,
         validated_on=validated_on if any("validation" in leg.rmse for leg in legs) else None,
         trust=reduce(_with_trust_of, floats, trust_in(job, gathered, [asked for asked, _ in estimates], doubts)),
-        notes=(*training.notes, job.vertical.note, *job.notes, *pooled, *_feet_notes(floats)),
+        notes=(*training.notes, job.vertical.note, *job.notes, *pooled, *_feet_notes(floats), *filter(None, [said])),
         trunk=_best_trunk(floats),
         warnings=(*still, *doubts, *(agreement.differs if agreement else ())),
         agreement=agreement,
+        memory=kept,
     )
+
+
+def _remembered(
+    job: Job, logs: Sequence[LogFile | Recording], gathered: Sequence[Gathered], memory: Memory | None
+) -> tuple[Memory | None, str]:
+    """The memory with the logs of legs in the air, None if they contradict it, and what to say of it."""
+    if memory is None:
+        return None, ""
+    legs = [(task.prior, data.whitened(task.fixed)) for task, data in zip(job.tasks, gathered, strict=True)]
+    return remembered(job.robot, memory, days_of(time_span(logs[0], job.joints)[0]), legs)
 
 
 def _alone(job: Job, part: Part) -> list[Information]:
@@ -274,10 +304,10 @@ def _scored_legs(
 
 
 def _solve(
-    job: Job, gathered: Sequence[Gathered], floats: Sequence[FloatingLog] = ()
+    job: Job, gathered: Sequence[Gathered], floats: Sequence[FloatingLog] = (), recalled: Told | None = None
 ) -> list[tuple[Estimate, Estimate]]:
     legs = [
-        (t.leg, _floating_information(t, floats, g.whitened(t.fixed)), t.prior)
+        (t.leg, _floating_information(t, floats, g.whitened(t.fixed), recalled), t.prior)
         for t, g in zip(job.tasks, gathered, strict=True)
     ]
     return solve_legs(legs, job.settings.method, job.settings.spread, job.settings.solver, job.progress)

@@ -21,6 +21,7 @@ from stadera.inertia import ORDER, UNITS, InertialParameters
 from stadera.information import Information
 from stadera.results import Result
 from stadera.robot.model import JointDynamics, Leg, Robot
+from stadera.trunk.memory import Memory
 from stadera.trunk.result import TrunkParameters
 from stadera.trust import Trust
 from stadera.types import Array
@@ -176,6 +177,7 @@ class Identification(Result):
         warnings: that concern the whole log.
         agreement: of the logs, or of the two parts of a single one; None if there is only one part.
         trunk: of a robot that stood or walked, payload included; None without such a log.
+        memory: the robot's memory with these logs, if one was asked for and they do not contradict it.
     """
 
     robot: Robot
@@ -189,6 +191,7 @@ class Identification(Result):
     warnings: tuple[str, ...] = ()
     trunk: TrunkParameters | None = None
     agreement: Agreement | None = None
+    memory: Memory | None = None
 
     @property
     def rank(self) -> int:

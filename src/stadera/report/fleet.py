@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import pairwise
 from math import nan
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from rich.text import Text
 
 from stadera.constants import DAY
 from stadera.fleet.departures import (
+    JOINT,
     TRUNK,
     Departure,
     FleetSeries,
@@ -28,9 +30,15 @@ from stadera.report.figures import Axis, Figure, Panel, Series, plotly
 from stadera.report.numbers import counted, number, with_std
 from stadera.report.page import render
 from stadera.report.table import SHOWN, Cell, Row, TableData, rich_table
+from stadera.trunk.drives import TERMS
+from stadera.trunk.error_model import ErrorModel
+from stadera.trunk.memory import UNCHANGED, Memory
+from stadera.trunk.settings import ModelErrors
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
+
+    from stadera.robot.model import Robot
 
 
 def robots_table(table: FleetTable) -> TableData:
@@ -141,11 +149,17 @@ def figure(series: FleetSeries, found: Sequence[Departure], pages: Mapping[str, 
     return Figure(title, ((Panel(axis, y, tuple(marks)),),), row_height=260.0, width=540.0)
 
 
-def fleet_html(table: FleetTable, pages: Mapping[str, str], chance: float = 0.01) -> str:
+def fleet_html(
+    table: FleetTable,
+    pages: Mapping[str, str],
+    memories: Mapping[str, tuple[Robot, Memory]] = MappingProxyType({}),
+    chance: float = 0.01,
+) -> str:
     """The complete, self-contained page.
 
     Args:
         pages: addresses of logs' pages, by log; those of other logs do not exist.
+        memories: model and memory of robots, by name.
         chance: probability of reporting any departure from an unchanged fleet.
     """
     fleet = list(series_of(table))
@@ -165,7 +179,9 @@ def fleet_html(table: FleetTable, pages: Mapping[str, str], chance: float = 0.01
         failed=_failed_table(failed) if failed else None,
         more=len(failed) - SHOWN.rows,
         found=found_table(found) if found else None,
-        panels=[_panels(name, rows, fleet, drawn) for name, rows in robots.items()],
+        panels=[
+            _panels(name, rows, fleet, drawn) | _remembered(rows, memories.get(name)) for name, rows in robots.items()
+        ],
         logs=_logs_table(table, pages),
         opens=bool(pages),
     )
@@ -224,6 +240,26 @@ def _panels(
     trunk = [drawn[s] for s in own if s in drawn and s.joint is None]
     joints = [drawn[s] for s in own if s in drawn and s.joint is not None]
     return {"name": name, "about": f"{counted(len(rows), 'log')}: {about}{left}", "trunk": trunk, "joints": joints}
+
+
+def _remembered(rows: Sequence[LogRow], known: tuple[Robot, Memory] | None) -> dict[str, Any]:
+    """The template's values of what is remembered of a robot, and of logs that contradict it."""
+    said = [f"{str(row['log']).rpartition('/')[2]}: {row['memory']}" for row in rows if row["memory"]]
+    apart = [sentence for sentence in said if UNCHANGED in sentence]
+    if known is None:
+        return {"apart": apart, "memory": None}
+    robot, memory = known
+    found, model = memory.marginals(), ErrorModel(robot, ModelErrors(), robot.leg_length)
+    body = []
+    for k, joint in enumerate(joint for leg in robot.legs for joint in leg.joints):
+        cells = []
+        for term, kind in TERMS.items():
+            size = float(np.sqrt(model.variance[model.layout.places[kind]][k]))
+            mean, std = (size * value for value in found[f"{kind}.{joint}"])
+            cells.append(with_std(getattr(robot.dynamics[joint], term) + mean, std))
+        body.append((joint, *cells))
+    head = ("joint", *(f"{JOINT[term][0]} [{JOINT[term][1]}]" for term in TERMS))
+    return {"apart": apart, "memory": TableData.of(f"Remembered of {counted(memory.logs, 'log')}", head, body)}
 
 
 def _failed_table(failed: Sequence[LogRow]) -> TableData:

@@ -36,7 +36,7 @@ from stadera.trunk.joint_errors import Errors
 from stadera.trunk.load import LoadChange, Payload, without_scale
 from stadera.trunk.loads import Found, LoadChanges
 from stadera.trunk.measurement import Measurement
-from stadera.trunk.memory import Memory, MemorySettings
+from stadera.trunk.memory import Memory, MemorySettings, told_of
 from stadera.trunk.model import TrunkBounds, TrunkModel
 from stadera.trunk.outside import Correction, Knowledge, on_scale, with_test_weight
 from stadera.trunk.protocol import Status, TrunkEstimate, unobserved
@@ -227,7 +227,7 @@ class TrunkEstimator:
             IdentificationError: it is of another robot or another model.
         """
         settings, model = settings or MemorySettings(), self._fit.model
-        memory = memory.check(self.robot).faded(model.layout, days, settings)
+        memory = memory.check(self.robot).faded(days, settings)
         if (known := memory.knowledge(model.layout, model.variance, settings)) is not None:
             self._know(known)
 
@@ -240,24 +240,23 @@ class TrunkEstimator:
         settings, model, errors = settings or MemorySettings(), self._fit.model, self._fit.errors
         if self.trust.verdict == "bad" or self._state.status is Status.REFUSED:
             raise IdentificationError("a log whose fit is bad, or whose end is refused, is not remembered")
-        memory = memory.check(self.robot).faded(model.layout, days, settings)
+        memory.check(self.robot)
         own = tuple(known for known in self._known if known.trunks)
         outside = Correction.by(own, errors, self._history.loaded or self._history.current)
         if outside is not None and max(outside.apart) > self.settings.apart:
             raise IdentificationError("a log that contradicts its scale or test weight is not remembered")
         found = (errors.mean, errors.covariance) if outside is None else outside.of_errors()
-        return memory.learnt(model, errors, found, days, settings, self._print)
+        return memory.with_log(told_of(self.robot, model, errors.start, *found), days, settings, self._print)
 
     def told(self, memory: Memory, days: float = np.nan) -> tuple[Memory | None, str]:
-        """As `remember`, None where that raises an error, and what to say of it."""
-        try:
-            found = self.remember(memory, days)
-        except IdentificationError as error:
-            return None, f"the robot's memory stays as it was: {error}"
-        return (
-            found,
-            f"the robot's memory is used: of {memory.logs} earlier log{'s' * (memory.logs != 1)}, and of this one",
-        )
+        """As `remember`, None where that raises an error, and what to say of it. A log that is in the memory already is
+        weighed without it.
+        """
+        if self._print in memory.seen:
+            self._known = tuple(known for known in self._known if not known.of_logs)
+            if self._good is not None and self._state.status is not Status.REFUSED:
+                self._adopt(self._state.learnt)
+        return memory.after(lambda: self.remember(memory, days))
 
     def restart(self) -> None:
         """Announces that the next samples do not continue the previous ones; their rate may differ. Estimates are
@@ -338,6 +337,16 @@ class TrunkEstimator:
             raise IdentificationError("a test weight is known since a tare, and there is none")
         place, again = np.array([0.0, 0.0, 0.3 * self.robot.leg_length]), replace(now, _last=[])
         return self._bars_with(with_test_weight(self.robot, mass, place, 0.005, 0.005, tare, again))
+
+    def bars_remembered(self, logs: int) -> tuple[float, float]:
+        """The same if so many earlier logs had told as much as this one."""
+        settings, model, errors = MemorySettings(), self._fit.model, self._fit.errors
+        told = told_of(self.robot, model, errors.start, 0.0 * errors.mean, errors.covariance)
+        memory = Memory.none(self.robot)
+        for log in range(logs):
+            memory = memory.with_log(told, np.nan, settings, log)
+        known = memory.faded(np.nan, settings).knowledge(model.layout, model.variance, settings)
+        return (inf, inf) if known is None else self._bars_with(known)
 
     def _bars_with(self, more: Knowledge) -> tuple[float, float]:
         known = (*(other for other in self._known if other.what != more.what), more)

@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stadera.constants import DAY, EPOCH
 from stadera.errors import IdentificationError, RecordingError
 from stadera.logs.recording import Recording
 from stadera.robot.imu import ImuMount
@@ -24,7 +23,7 @@ from stadera.robot.model import Robot
 from stadera.trunk.estimator import TrunkEstimator
 from stadera.trunk.load import SIGNIFICANT, LoadChange, Payload, since_tare
 from stadera.trunk.measurement import Measurement, measurements_of, rotation_matrix
-from stadera.trunk.memory import Memory
+from stadera.trunk.memory import Memory, days_of
 from stadera.trunk.protocol import Status, Weigher
 from stadera.trunk.registry import Setup, method_of
 from stadera.trunk.samples import Samples
@@ -299,20 +298,15 @@ class _LogPass:
             if request.weight is not None:
                 estimator.know_weight(*request.weight)
             if request.memory is not None:
-                estimator.recall(request.memory, self._days)
+                estimator.recall(request.memory, days_of(self.log.begin))
         return estimator
-
-    @property
-    def _days(self) -> float:
-        """Time of the log, days since 1970, if its clock is Unix time; else NaN."""
-        return self.log.begin / DAY if self.log.begin > EPOCH else np.nan
 
     def _remembered(self) -> tuple[Memory | None, str]:
         """The memory with this log, and what to say of it."""
         memory, estimator = self._request.memory, self.estimator
         if memory is None or not isinstance(estimator, TrunkEstimator):
             return None, ""
-        return estimator.told(memory, self._days)
+        return estimator.told(memory, days_of(self.log.begin))
 
     def _posture(self, first: Recording, mount: ImuMount) -> PostureLaw | None:
         """The trunk controller of the request, with the log's first orientation as its reference."""
