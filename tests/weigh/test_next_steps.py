@@ -61,6 +61,46 @@ def test_a_payload_that_is_hardly_known_is_known_after_a_sway() -> None:
     assert sway.payload_std == pytest.approx(reached.mass_std, rel=1.0)
 
 
+def test_ten_steps_are_offered_with_the_bar_that_they_bring() -> None:
+    """By the estimator on a made walk; a robot with other errors that takes these steps gets such a bar."""
+    steps = next_steps(GO2, weighed(0.02))
+    step = next(step for step in steps if "ten slow steps" in step.do)
+    drawn, rate = Drawn(GO2, np.random.default_rng(9)), 250.0
+    walk = Planted.stepping(drawn.true, 10, rate)
+    loaded = drawn.measured(walk, LOAD)
+    estimator = TrunkEstimator(GO2)
+    estimator.add(drawn.measured(walk))
+    estimator.tare()
+    estimator.add(Samples(loaded.time + walk.time[-1] + 1.0, *(getattr(loaded, n) for n in NAMES)))
+    assert estimator.payload is not None
+    assert 0.5 < step.payload_std / estimator.payload.mass_std < 2.0
+    assert estimator.payload.mass == pytest.approx(LOAD.mass, abs=3.0 * estimator.payload.mass_std)
+    assert estimator.trust.verdict == "good"
+
+
+def test_feet_of_steps_carry_nothing_in_the_air_and_stay_where_they_stand() -> None:
+    walk = Planted.stepping(GO2, 8, 200.0)
+    torque, force = walk.torques(GO2.inertias[GO2.trunk])
+    air = walk.carries < 1e-9
+    assert (air.mean(axis=0) > 0.05).all()
+    assert np.abs(force[air]).max() < 1e-9
+    world = walk.contacts + walk.pose[:, None, 3:]  # the trunk is level
+    standing = walk.carries[:, 0] == 1.0
+    jumps = np.abs(np.diff(world[:, 0], axis=0))[standing[1:] & standing[:-1]]
+    assert jumps.max() < 2e-5
+    weight = (force * walk.motion.normal[:, None]).sum(axis=2)
+    assert weight[walk.carries == 1.0].min() > -0.05 * weight.sum(axis=1).mean()
+    assert weight.sum(axis=1).mean() == pytest.approx(9.81 * GO2.mass, rel=0.02)
+    assert np.isfinite(torque).all()
+
+
+def test_a_memory_of_more_logs_is_worth_what_is_said() -> None:
+    estimator = weighed(1.0)
+    assert estimator.payload is not None
+    one, three = estimator.bars_remembered(1)[0], estimator.bars_remembered(3)[0]
+    assert three <= one < estimator.payload.mass_std
+
+
 def test_bars_of_a_known_weight_are_those_that_are_reached_with_it() -> None:
     expected, estimator = weighed(1.0), weighed(1.0)
     payload, trunk = expected.bars_on_scale(0.02)

@@ -1,8 +1,8 @@
 """What to do next where a mass is not determined, or known to more than a few percent, and the error bars to expect.
 
-Bars are computed for this robot and load: those of a sway by the estimator on a made log of a robot whose errors are
-drawn (`stadera.excite.trunk.planted`), those of a known weight by this log's own information and that weight
-(`stadera.trunk.outside`).
+Bars are computed for this robot and load: those of a sway and of steps by the estimator on a made log of a robot whose
+errors are drawn (`stadera.excite.trunk.planted`), those of a known weight or of a memory by this log's own information
+and that weight, or that of more such logs (`stadera.trunk.outside`).
 """
 
 from __future__ import annotations
@@ -29,6 +29,7 @@ class UseLimits:
         share: largest standard deviation of a payload that is determined, as a share of its own mass [1].
         payload, trunk: one that is always small enough, as a share of the robot's mass [1].
         fine: one above which a load that is determined is worth more effort, as a share of its own mass [1].
+        remembered: earlier logs like this one, of a memory that is offered [1].
         gained: largest bar to expect from a step that is worth its effort, as a share of the present one [1].
         test_weight: mass of a test weight, as a share of the robot's [1].
     """
@@ -39,6 +40,7 @@ class UseLimits:
     fine: float = 0.05
     gained: float = 0.8
     test_weight: float = 0.1
+    remembered: int = 3
 
     def determined(self, robot: Robot, trunk_std: float, payload: Payload | None) -> dict[str, bool]:
         """For "trunk" and, with a tare, "payload", whether the mass is known well enough to be of use."""
@@ -75,7 +77,7 @@ def next_steps(robot: Robot, estimator: Weigher, limits: UseLimits | None = None
     if isinstance(estimator, TrunkEstimator):
         found += list(_known(robot, estimator, limits))
     if payload is not None:
-        found += list(_sway(robot, payload, limits))
+        found += list(_moves(robot, payload, limits))
 
     def bar(step: NextStep) -> float:
         return step.trunk_std if payload is None else step.payload_std
@@ -85,7 +87,7 @@ def next_steps(robot: Robot, estimator: Weigher, limits: UseLimits | None = None
 
 
 def _known(robot: Robot, estimator: TrunkEstimator, limits: UseLimits) -> Iterator[NextStep]:
-    """A scale, and a test weight."""
+    """A scale, a test weight, and a memory."""
     before = "" if estimator.payload is None else " as it was at the tare"
     scale = f"put the robot{before} on a scale and weigh with --weight"
     yield NextStep(scale, *estimator.bars_on_scale(weight_std(robot.mass)))
@@ -97,17 +99,23 @@ def _known(robot: Robot, estimator: TrunkEstimator, limits: UseLimits) -> Iterat
         yield NextStep(
             f"{do} --known and --memory, and then this load with the same memory", *estimator.bars_calibrated(weight)
         )
+    do = f"weigh {limits.remembered} logs like this one, and then this load, with the same --memory"
+    yield NextStep(do, *estimator.bars_remembered(limits.remembered))
 
 
-def _sway(robot: Robot, payload: Payload, limits: UseLimits) -> Iterator[NextStep]:
-    """Five seconds of sway without and with the load."""
-    from stadera.excite.trunk.design import undesigned_bars
+def _moves(robot: Robot, payload: Payload, limits: UseLimits) -> Iterator[NextStep]:
+    """Five seconds of sway, and ten steps, without and with the load."""
+    from stadera.excite.trunk.design import bars_of_steps, undesigned_bars
 
-    try:
-        bars = undesigned_bars(robot, round(max(abs(payload.mass), limits.fine * robot.mass) / robot.mass, 2))
-    except StaderaError:
-        return
-    if bars is not None:
-        best = f"best by `stadera excite --robot {robot.name} --trunk`"
-        do = f"let the trunk sway for 5 s without and with the load, {best}"
-        yield NextStep(do, hypot(bars.mass, bars.scale * payload.mass))
+    best = f"best by `stadera excite --robot {robot.name} --trunk`"
+    load = round(max(abs(payload.mass), limits.fine * robot.mass) / robot.mass, 2)
+    for do, bars_of in (
+        (f"let the trunk sway for 5 s without and with the load, {best}", undesigned_bars),
+        ("let it take ten slow steps without and with the load", bars_of_steps),
+    ):
+        try:
+            bars = bars_of(robot, load)
+        except StaderaError:
+            continue
+        if bars is not None:
+            yield NextStep(do, hypot(bars.mass, bars.scale * payload.mass))

@@ -146,6 +146,29 @@ def undesigned_bars(robot: Robot, load: float) -> Bars | None:
     return None
 
 
+@lru_cache(maxsize=64)
+def bars_of_steps(robot: Robot, load: float, steps: int = 10) -> Bars | None:
+    """The same of slow steps, without and with the load; None if they do not determine it.
+
+    Raises:
+        ModelError: the robot has no nominal stance.
+    """
+    settings, payload = (
+        RoutineSettings(),
+        _cube(load * robot.mass, (0.0, 0.0, 0.3 * robot.leg_length), robot.leg_length),
+    )
+    found = []
+    for seed in range(settings.drawn):
+        drawn = Drawn(robot, np.random.default_rng((0, seed)))
+        try:
+            walk = Planted.stepping(drawn.true, steps, settings.look_rate)
+            found.append(expected_bars(robot, walk, payload, drawn))
+        except IdentificationError:
+            return None
+    known = [bars for bars in found if bars is not None]
+    return Bars.median(known) if known else None
+
+
 class _Search:
     """Paths by their unknowns x (2, 6, 3): sine and cosine coefficients, and the places of their frequencies."""
 
@@ -225,7 +248,8 @@ class _Search:
     def bars(self, path: Sinusoids, drawn: Drawn) -> Bars | None:
         """The payload's expected error bars, None if it is not determined."""
         try:
-            return expected_bars(self.robot, path, self._payload, drawn, self.settings.look_rate)
+            planted = Planted.of(drawn.true, path, self.settings.look_rate)
+            return expected_bars(self.robot, planted, self._payload, drawn)
         except IdentificationError:
             return None
 

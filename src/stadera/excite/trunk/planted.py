@@ -1,4 +1,4 @@
-"""Motion and torques of a robot whose trunk moves while its feet stay where they are.
+"""Motion and torques of a robot whose trunk moves while its feet stay where they are, or walk.
 
 With the trunk at p and rotation R (world, in which the robot stands at the origin with R = 1), a foot that is at r_0 in
 the world is at r = Rᵀ (r_0 - p) in trunk axes; the joints follow by Newton's method on all samples at once. The trunk's
@@ -7,7 +7,8 @@ specific force is a = Rᵀ (p̈ + g e_z), and with roll φ, pitch θ and yaw ψ,
     ω = (φ̇ - ψ̇ sin θ,  θ̇ cos φ + ψ̇ cos θ sin φ,  ψ̇ cos θ cos φ - θ̇ sin φ)
 
 The contacts together carry the wrench that trunk and links need, G f = w; of all such forces those of least norm are
-taken, f = Gᵀ (G Gᵀ)⁻¹ w. Torques are then τ = h - Jᵀ f, see `stadera.body.tree`.
+taken, each counted by the share W that its foot carries, f = W Gᵀ (G W Gᵀ)⁻¹ w. Torques are then τ = h - Jᵀ f, see
+`stadera.body.tree`.
 
 What a motion tells of a payload are the error bars of `TrunkEstimator` on a made log. The log is that of the robot as
 it may be: its errors are drawn from the estimator's own prior (`ModelErrors`), its sensors have the noise of the
@@ -42,6 +43,26 @@ AXES = ("roll", "pitch", "yaw", "x", "y", "z")
 """Coordinates of the trunk's motion [rad, m], in this order."""
 
 
+@dataclass(frozen=True)
+class Steps:
+    """Steps of a walk, slow enough that no foot has to pull. Times are in √(leg's length / g), 0.2 s of a Go2.
+
+    Attributes:
+        seconds: of each [1]. shifted: of these for moving the trunk, before the foot is lifted [1]. unloading: within
+            which the foot's load goes to the others, before it is lifted and after [1].
+        height: of the foot, share of the leg's length [1].
+        stride: of a foot, likewise.
+        above: how far the trunk moves from above the middle of all feet to that of those that stand [1].
+    """
+
+    seconds: float = 5.0
+    shifted: float = 3.2
+    unloading: float = 0.5
+    height: float = 0.15
+    stride: float = 0.2
+    above: float = 0.9
+
+
 @dataclass(frozen=True, eq=False)
 class Planted:
     """A standing robot in motion, N samples of n joints and L legs.
@@ -51,25 +72,80 @@ class Planted:
         time: (N,) [s].
         pose: (N, 6) [rad, m], coordinates `AXES` of the trunk relative to the stance.
         motion: of its joints and trunk.
+        carries: (N, L), share of its usual part that each foot carries [1]; zero in the air.
     """
 
     robot: Robot
     time: Array
     pose: Array
     motion: Motion
+    carries: Array
 
     @classmethod
-    def of(cls, robot: Robot, path: Sinusoids, rate: float, every: int = 4) -> Planted:
-        """The robot's motion for a path of the trunk with the coordinates `AXES`, sampled at `rate` [Hz]. The joints
-        are solved for at one of so many samples; a spline gives those between.
+    def of(cls, robot: Robot, path: Sinusoids, rate: float) -> Planted:
+        """The robot's motion for a path of the trunk with the coordinates `AXES`, sampled at `rate` [Hz].
 
         Raises:
             IdentificationError: a foot cannot stay where it is.
             ModelError: the robot has no nominal stance.
         """
         reference = path.sample(rate)
-        time, pose = reference.time, reference.motion.position
-        slope, curve = reference.motion.velocity, reference.motion.acceleration
+        moved = reference.motion
+        legs = np.ones((len(reference.time), len(robot.legs)))
+        pose = moved.position, moved.velocity, moved.acceleration
+        return cls._of(robot, reference.time, pose, np.zeros((*legs.shape, 3)), legs)
+
+    @classmethod
+    def stepping(cls, robot: Robot, steps: int, rate: float, how: Steps | None = None) -> Planted:
+        """A robot that walks so many steps forwards, a foot after the other, its trunk above the feet that stand.
+
+        Raises:
+            IdentificationError: a foot cannot be where it should.
+            ModelError: the robot has no nominal stance.
+        """
+        how, legs, still = how or Steps(), len(robot.legs), np.zeros((2, 6))
+        unit = float(np.sqrt(robot.leg_length / GRAVITY))
+        seconds, shifted, unloading = unit * how.seconds, unit * how.shifted, unit * how.unloading
+        order = range(legs) if legs < 4 else (2, 0, 3, 1, *range(4, legs))
+        rest = cls._of(robot, np.arange(2) / rate, (still, still, still), np.zeros((2, legs, 3)), np.ones((2, legs)))
+        force, feet = rest.torques(robot.inertias[robot.trunk])[1][0, :, 2], rest.contacts[0, :, :2]
+        time = np.arange(round((steps * seconds + shifted) * rate) + 1) / rate
+        stride = how.stride * robot.leg_length
+        path = [np.zeros((len(time), 6)) for _ in range(3)]
+        carries, moved = np.ones((len(time), legs)), np.zeros((len(time), legs, 3))
+
+        def go(to: Array, column: slice, begin: float, within: float) -> None:
+            for n, curve in enumerate(_smooth((time - begin) / within)):
+                path[n][:, column] += curve[:, None] / within**n * to
+
+        go(np.array([steps / legs * stride]), slice(3, 4), 0.0, float(time[-1]))
+        forwards, at = path[0][:, 3].copy(), np.zeros(2)
+        for step in range(steps + 1):
+            begin, leg = step * seconds, order[step % legs]
+            standing = np.delete(feet, leg, axis=0).mean(axis=0) - force @ feet / force.sum()
+            target = how.above * standing if step < steps else np.zeros(2)
+            go(target - at, slice(3, 5), begin, shifted)
+            at = target
+            if step == steps:
+                break
+            lifted, down = begin + shifted, begin + seconds
+            u = (time - lifted) / (seconds - shifted)
+            within = np.clip(u, 0.0, 1.0)
+            ahead = float(np.interp(down + 0.5 * legs * seconds, time, forwards)) - moved[-1, leg, 0]
+            moved[:, leg, 0] += _smooth(u)[0] * ahead
+            moved[:, leg, 2] += how.height * robot.leg_length * 64.0 * (within * (1.0 - within)) ** 3
+            without = np.minimum((time - lifted) / unloading + 1.0, (down - time) / unloading + 1.0)
+            carries[:, leg] *= 1.0 - np.clip(without, 0.0, 1.0)
+        return cls._of(robot, time, (path[0], path[1], path[2]), moved, carries)
+
+    @classmethod
+    def _of(
+        cls, robot: Robot, time: Array, path: tuple[Array, Array, Array], moved: Array, carries: Array, every: int = 4
+    ) -> Planted:
+        """From the trunk's coordinates and their first and second derivatives (N, 6), and the feet's displacements
+        (N, L, 3) [m]. The joints are solved for at one of `every` samples; a spline gives those between.
+        """
+        pose, slope, curve = path
         turn = Rotation.from_euler("ZYX", pose[:, [2, 1, 0]]).as_matrix()
         (sin_roll, sin_pitch, _), (cos_roll, cos_pitch, _) = np.sin(pose[:, :3]).T, np.cos(pose[:, :3]).T
         roll, pitch, yaw = slope[:, :3].T
@@ -80,12 +156,14 @@ class Planted:
                 yaw * cos_pitch * cos_roll - pitch * sin_roll,
             ]
         )
-        alpha = make_interp_spline(time, omega, 5)(time, 1)
+        degree = min(5, len(time) - 1)
+        alpha = make_interp_spline(time, omega, degree)(time, 1)
         force = np.einsum("nji,nj->ni", turn, curve[:, 3:] + [0.0, 0.0, GRAVITY])
         coarse = np.unique(np.append(np.arange(0, len(time), every), len(time) - 1))
-        angles = make_interp_spline(time[coarse], _joints(robot, turn[coarse], pose[coarse, 3:]), 5)
+        joints = _joints(robot, turn[coarse], pose[coarse, 3:], moved[coarse])
+        angles = make_interp_spline(time[coarse], joints, min(5, len(coarse) - 1))
         q, rate_of_q, more = (np.asarray(angles(time, order)) for order in range(3))
-        return cls(robot, time, pose, Motion(q, rate_of_q, more, omega, alpha, force, turn[:, 2]))
+        return cls(robot, time, pose, Motion(q, rate_of_q, more, omega, alpha, force, turn[:, 2]), carries)
 
     @cached_property
     def _body(self) -> Body:
@@ -113,7 +191,9 @@ class Planted:
         whole = np.tile(np.eye(6), (*self.contacts.shape[:2], 1, 1))
         whole[:, :, 3:, :3] = skews(self.contacts)
         G = np.concatenate([whole[:, leg, :, :size] for leg, size in enumerate(body.sizes)], axis=2)
-        found = np.einsum("nck,nc->nk", G, np.linalg.solve(G @ G.transpose(0, 2, 1), wrench[..., None])[..., 0])
+        share = np.repeat(self.carries, body.sizes, axis=1)
+        own = np.linalg.solve(np.einsum("nck,nk,ndk->ncd", G, share, G), wrench[..., None])[..., 0]
+        found = share * np.einsum("nck,nc->nk", G, own)
         torque = state.torque + body.friction(motion.velocity, motion.velocity)
         force, at = np.empty((len(wrench), len(body.legs), 3)), 0
         for k, (leg, size) in enumerate(zip(body.legs, body.sizes, strict=True)):
@@ -125,15 +205,22 @@ class Planted:
         return torque, force
 
 
-def _joints(robot: Robot, turn: Array, shift: Array, solved: float = 1e-7) -> Array:
-    """Joint angles (N, n) that keep the feet where they are in the stance, for poses (N, 3, 3) and (N, 3) [m]; `solved`
-    is the largest error of a foot that stays where it is [m, 1].
+def _smooth(u: Array) -> tuple[Array, Array, Array]:
+    """From zero to one as u does, at rest at both ends, and its first and second derivatives."""
+    u = np.clip(u, 0.0, 1.0)
+    slope = 30.0 * (u * (1.0 - u)) ** 2
+    return u**3 * (10.0 - 15.0 * u + 6.0 * u**2), slope, 60.0 * u * (1.0 - u) * (1.0 - 2.0 * u)
+
+
+def _joints(robot: Robot, turn: Array, shift: Array, moved: Array, solved: float = 1e-7) -> Array:
+    """Joint angles (N, n) that keep the feet where they are in the stance, or apart from it by (N, L, 3) [m], for
+    poses (N, 3, 3) and (N, 3) [m]; `solved` is the largest error of a foot that is where it should [m, 1].
     """
     out, settings = np.tile(standing_configuration(robot), (len(turn), 1)), StanceSettings()
-    for leg in robot.legs:
+    for k, leg in enumerate(robot.legs):
         tree, own = robot.leg_tree(leg.name), [robot.tree.joints.index(joint) for joint in leg.joints]
         sole, foot, _ = leg_kinematics(tree, leg, out[:1, own])
-        foot = np.einsum("nji,nj->ni", turn, foot - shift)
+        foot = np.einsum("nji,nj->ni", turn, foot - shift + moved[:, k])
         out[:, own], left = reached(tree, leg, out[:, own], foot, turn.transpose(0, 2, 1) @ sole, settings)
         if left > solved:
             raise IdentificationError(f"{leg.name} of {robot.name} cannot keep its foot in place: {left:.2g} m away")
@@ -245,13 +332,8 @@ class Drawn:
 _TERMS = ("armature", "viscous", "coulomb", "offset")
 
 
-def expected_bars(robot: Robot, path: Sinusoids, payload: InertialParameters, drawn: Drawn, rate: float) -> Bars | None:
-    """The payload's error bars from a motion without and a motion with it; None if the estimator has none.
-
-    Raises:
-        IdentificationError: a foot cannot stay where it is.
-    """
-    planted = Planted.of(drawn.true, path, rate)
+def expected_bars(robot: Robot, planted: Planted, payload: InertialParameters, drawn: Drawn) -> Bars | None:
+    """The payload's error bars from a motion of `drawn.true` without and with it; None if the estimator has none."""
     bare, loaded = drawn.measured(planted), drawn.measured(planted, payload)
     again = replace(loaded, time=loaded.time + bare.time[-1] + 0.5)  # s between the two motions
     estimator = TrunkEstimator(robot)
