@@ -17,6 +17,7 @@ from stadera.robot import load_robot
 from stadera.robot.stance import standing_configuration
 from stadera.trunk import ContactForceEstimator, Measurement, StaticDetector, StaticLimits, Status, TrunkBounds
 from stadera.trunk.measurement import measurements_of
+from stadera.trunk.samples import Samples
 from stadera.trunk.standing.detection import VelocityNoise
 from stadera.trunk.standing.estimator import StandingEstimator
 from stadera.trunk.standing.forces import measurements_without_imu
@@ -30,7 +31,7 @@ DT = 0.01
 
 
 def said(gate: StaticDetector, measurements: list[Measurement]) -> list[str]:
-    return [gate.complaint(m, FORCES.at(AT_REST)) for m in measurements]
+    return [gate.unusable(m) or gate.complaint(m, FORCES.at(AT_REST)) for m in measurements]
 
 
 def at_rest(count: int, start: float = 0.0) -> list[Measurement]:
@@ -133,6 +134,15 @@ def test_times_at_rest_name_what_is_not_finite_and_go_on() -> None:
     after = rest.estimate()
     assert after.time > 1.9
     assert after.trunk.mass == pytest.approx(before.trunk.mass, rel=1e-3)
+
+
+def test_a_table_of_samples_passes_the_gate_too() -> None:
+    """Joints that move at twice the limit are no rest, whichever way their samples come."""
+    moving = [replace(m, joint_velocity=m.joint_velocity + 2.0 * StaticLimits().joint_velocity) for m in at_rest(100)]
+    rest = StandingEstimator(ROBOT)
+    assert list(rest.learning(Samples.of(moving).table)) == [m.time for m in moving]
+    assert "moves at" in rest.refusal
+    assert np.isnan(rest.estimate().time)
 
 
 def noisy(rate: float, seconds: float, std: float, moving: float = 0.0, seed: int = 0) -> list[Measurement]:

@@ -137,7 +137,8 @@ class TrunkEstimator:
     def _take(self, measurement: Measurement) -> None:
         table = self._front.gather(measurement)
         if table is not None:
-            self.add_table(table)
+            for _ in self._steps(table):
+                pass
 
     def add(self, samples: Samples | Sequence[Measurement]) -> None:
         """Processes any number of samples, equivalent to as many calls of `update`.
@@ -152,15 +153,16 @@ class TrunkEstimator:
             samples = Samples.of(samples)
         if not isinstance(samples, Samples):
             raise RecordingError(f"add takes stadera.trunk.Samples, got {type(samples).__name__}; one sample: update")
-        self.add_table(samples.table)
-
-    def add_table(self, table: Array) -> None:
-        """The same, of samples given by their `Samples.table`."""
-        for _ in self.learning(table):
+        for _ in self._steps(samples.table):
             pass
 
     def learning(self, table: Array) -> Iterator[float]:
-        """The same, step by step: yields the time of the last sample that a step takes in [s], before it does."""
+        """The same of samples given by their `Samples.table`, step by step: yields the time of the last sample that a
+        step takes in [s], before it does.
+        """
+        return self._steps(table)
+
+    def _steps(self, table: Array) -> Iterator[float]:
         self._print = crc32(table.tobytes(), self._print)
         for made in self._front.take(table):
             yield made.due

@@ -23,7 +23,7 @@ from stadera.robot.model import Robot
 from stadera.trunk.measurement import Measurement
 from stadera.trunk.model import ImplausibleError, TrunkBounds, TrunkModel
 from stadera.trunk.protocol import Status, StepEstimator, TrunkEstimate, unobserved
-from stadera.trunk.standing.detection import StaticDetector, StaticLimits, not_finite, stretched
+from stadera.trunk.standing.detection import StaticDetector, StaticLimits
 from stadera.trunk.standing.forces import ContactForceEstimator, ContactForces, ForceNoise
 from stadera.types import Array
 
@@ -80,16 +80,19 @@ class StaticEstimator(StepEstimator):
         self.gate = StaticDetector(robot, limits)
         self._trunk = self._start = self.bounds.check(start or TrunkModel.prior(robot))
         self._status, self._reason = Status.WAITING, ""
-        self._learnt, self._seen, self._ran_away = np.nan, -np.inf, False
+        self._learnt, self._ran_away = np.nan, False
 
     def update(self, measurement: Measurement) -> None:
         """Uses a measurement at rest; refuses any other and keeps its estimate."""
-        if reason := self._complaint(measurement):
+        if measurement.vertical_by_forces and not self._WITHOUT_IMU:
+            name = type(self).__name__
+            self._refuse(f"{name} needs an IMU: it takes the vertical for independent of the feet's forces")
+            return
+        if reason := self.gate.unusable(measurement):
             self._refuse(reason)
             return
         forces = self.forces.at(measurement)
-        reason = stretched(forces, self.robot, measurement.stance) or self.gate.complaint(measurement, forces)
-        if reason:
+        if reason := self.gate.complaint(measurement, forces):
             self._refuse(reason)
             self._interrupted()
             return
@@ -129,16 +132,6 @@ class StaticEstimator(StepEstimator):
         self._trunk, self._learnt, self._ran_away = trunk, time, False
         self._status, self._reason = Status.CONVERGED if converged else Status.MOVING, ""
         return True
-
-    def _complaint(self, m: Measurement) -> str:
-        if m.vertical_by_forces and not self._WITHOUT_IMU:
-            return f"{type(self).__name__} needs an IMU: it takes the vertical for independent of the feet's forces"
-        if reason := not_finite(m, self.robot.tree.joints):
-            return reason
-        if not m.time > self._seen:
-            return f"time must increase, got {m.time:.6f} s after {self._seen:.6f} s"
-        self._seen = m.time
-        return ""
 
 
 @dataclass(frozen=True)

@@ -129,7 +129,7 @@ class StaticDetector:
     """
 
     def __init__(self, robot: Robot, limits: StaticLimits | None = None) -> None:
-        self.limits = limits or StaticLimits()
+        self.limits, self._robot = limits or StaticLimits(), robot
         self._joints = robot.tree.joints
         self._holds = np.array([1 if leg.contact == 3 else 3 for leg in robot.legs])
         self._pairs = np.triu_indices(len(robot.legs), 1)
@@ -141,22 +141,32 @@ class StaticDetector:
         self._vertical: Array | None = None
         self._rotation: Array | None = None
         self._time = self._looked = np.nan
+        self._seen = -np.inf
         self._well_since = np.inf
         self._reason = "the robot has not been seen at rest yet"
         self._distances = np.zeros(len(self._pairs[0]))
         self._stance = np.zeros(len(robot.legs), dtype=bool)
 
+    def unusable(self, measurement: Measurement) -> str:
+        """Reason why a measurement is skipped, in one sentence: values that are not finite, time that does not
+        increase; empty if it is not. To be asked for every one, before its forces.
+        """
+        if reason := not_finite(measurement, self._joints):
+            return reason
+        if not measurement.time > self._seen:
+            return f"time must increase, got {measurement.time:.6f} s after {self._seen:.6f} s"
+        self._seen = measurement.time
+        return ""
+
     def complaint(self, measurement: Measurement, forces: ContactForces) -> str:
         """Reason why this measurement is not in static equilibrium, in one sentence; empty if it is."""
         time, limits = measurement.time, self.limits
-        reason = not_finite(measurement, self._joints)
-        if not reason:
-            self._smoothen(measurement)
-            reason = self._fault(measurement, forces)
-            if reason:  # moving or faulty samples do not indicate the vertical
-                self._vertical = None
-            else:
-                reason = self._pushed(by_forces=measurement.vertical_by_forces)
+        self._smoothen(measurement)
+        reason = stretched(forces, self._robot, measurement.stance) or self._fault(measurement, forces)
+        if reason:  # moving or faulty samples do not indicate the vertical
+            self._vertical = None
+        else:
+            reason = self._pushed(by_forces=measurement.vertical_by_forces)
         if reason:
             self._reason, self._well_since = reason, np.inf
             return reason

@@ -10,7 +10,7 @@ these columns, which leaves four of six, in which torque offsets include their e
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
@@ -30,7 +30,7 @@ from stadera.trunk.rows import BlockRows
 from stadera.trunk.samples import Samples
 from stadera.trunk.segment import robot_weight, unit_of_rows
 from stadera.trunk.settings import TrunkSettings
-from stadera.trunk.standing.detection import StaticDetector, not_finite, stretched
+from stadera.trunk.standing.detection import StaticDetector
 from stadera.trunk.standing.forces import ContactForceEstimator
 from stadera.types import Array, Bools
 
@@ -115,28 +115,25 @@ class StandingEstimator(TrunkEstimator):
         self._gate, self._forces = StaticDetector(self.robot), ContactForceEstimator(self.robot)
         self._unit = unit_of_rows(robot_weight(self.robot), self.robot.leg_length)[:, None]
         self._at_rest: Measurement | None = None
-        self._seen = -np.inf
         self._block: BlockRows | None = None
 
     def _take(self, measurement: Measurement) -> None:
-        if reason := self._complaint(measurement):
+        gate = self._gate
+        if reason := gate.unusable(measurement) or gate.complaint(measurement, self._forces.at(measurement)):
             self._refuse(reason)
             return
         self._at_rest = measurement
         super()._take(measurement)
 
-    def _complaint(self, m: Measurement) -> str:
-        """Why a sample is not one at rest; empty if it is."""
-        if reason := not_finite(m, self.robot.tree.joints):
-            return reason
-        if not m.time > self._seen:
-            return f"time must increase, got {m.time:.6f} s after {self._seen:.6f} s"
-        self._seen, forces = m.time, self._forces.at(m)
-        return self._gate.complaint(m, forces) or stretched(forces, self.robot, m.stance)
-
     def add(self, samples: Samples | Sequence[Measurement]) -> None:
         """Processes any number of samples, equivalent to as many calls of `update`."""
         for measurement in samples:
+            self._take(measurement)
+
+    def learning(self, table: Array) -> Iterator[float]:
+        """As of `TrunkEstimator`, of samples with an IMU; each is a step."""
+        for measurement in Samples.of_table(table, len(self.robot.tree.joints)):
+            yield measurement.time
             self._take(measurement)
 
     def _learn(self, made: Made) -> None:
