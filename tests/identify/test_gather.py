@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from stadera.identify.gather import Gathered, correlation_length, independent_rows
-from stadera.information import Information, Unknowns
+from stadera.body import Rows
+from stadera.identify.gather import LAG, Gathered, correlation_length, independent_rows
+from stadera.information import Information
 
 
 @pytest.mark.parametrize("rho", [0.0, 0.5, 0.9])
@@ -20,7 +21,8 @@ def test_an_autoregressive_series_has_its_correlation_length(rho: float) -> None
 def test_correlated_rows_are_worth_less() -> None:
     """The covariance is σ² τ (HᵀH)⁻¹, for a joint of noise σ whose residuals repeat over τ samples."""
     H, y = np.random.default_rng(1).standard_normal((2, 40, 3))
-    information = Information.empty(Unknowns.of(x=3)).add(H, y[:, 0])
+    rows = Rows(("x", "y", "z", LAG), np.column_stack([H, np.zeros(40)]), y[:, 0])
+    information = Information.of([rows], rows.columns)
     gathered = Gathered((information,), {"knee": 0.5}, {"knee": 9.0}, {})
     np.testing.assert_allclose(gathered.whitened({}).covariance(), 0.25 * 9.0 * np.linalg.inv(H.T @ H), rtol=1e-9)
 

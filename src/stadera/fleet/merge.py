@@ -36,7 +36,7 @@ from stadera.identify.prior import robot_prior
 from stadera.identify.result import LegIdentification, robot_with_legs
 from stadera.identify.schema import UNITS, joints_dict, links_dict
 from stadera.identify.settings import IdentifySettings
-from stadera.identify.solutions import solve_legs
+from stadera.identify.solutions import solve_legs, with_scale
 from stadera.information import Information, Unknowns
 from stadera.robot.model import Robot
 from stadera.trust import Trust
@@ -100,7 +100,8 @@ def merge_legs(
         _Fit.of(robot, task, [log[task.leg.name] for log in logs.values() if task.leg.name in log]) for task in tasks
     ]
     priors = [robot_prior(robot, fit.columns, settings.width) for fit in fits]
-    asked = [(task.leg, fit.widened(), prior) for task, fit, prior in zip(tasks, fits, priors, strict=True)]
+    told = [with_scale(fit.widened(), settings.width.gain) for fit in fits]
+    asked = [(task.leg, known, prior) for task, known, prior in zip(tasks, told, priors, strict=True)]
     estimates = solve_legs(asked, settings.method, settings.spread, settings.solver, lambda *_: None)
     legs = tuple(
         LegIdentification(
@@ -182,4 +183,5 @@ def merge_fleet(table: FleetTable, jobs: Iterable[LogJob]) -> dict[str, MergedLe
 def _information(row: dict[str, Any]) -> Information:
     R, z = np.array(row["R"], dtype=float), np.array(row["z"], dtype=float)
     unknowns, n = Unknowns.scalars(row["columns"]), len(z)
-    return Information(unknowns, R.reshape(n, n), z, np.zeros((n, 0)), row["cost"], row["count"])
+    G = np.array(row.get("G") or (), dtype=float).reshape(n, -1)
+    return Information(unknowns, R.reshape(n, n), z, G, row["cost"], row["count"])

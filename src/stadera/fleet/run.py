@@ -251,7 +251,8 @@ def _legs(result: Identification) -> Iterator[Row]:
         known = leg.information
         if known is not None:
             row = {"leg": leg.leg.name, "columns": list(known.names), "R": known.R.ravel().tolist()}
-            yield row | {"z": known.z.tolist(), "cost": known.cost, "count": known.count}
+            rest = {"cost": known.cost, "count": known.count, "G": known.G.ravel().tolist()}
+            yield row | {"z": known.z.tolist(), **rest}
 
 
 def _pair(name: str, value: float, std: float) -> Row:

@@ -51,10 +51,12 @@ LEGS = {
     "R": "list<double>",
     "z": "list<double>",
     **dict.fromkeys(("cost", "count"), "double"),
+    "G": "list<double>",
 }
-"""Columns of the table of each log's information on each leg: a `stadera.information.Information`, R row by row."""
+"""Columns of the table of each log's information on each leg: `stadera.information.Information`, R and G row by row."""
 SIDES: dict[str, dict[str, str]] = {"joints": JOINTS, "legs": LEGS}
 """Additional tables, by the attribute of `FleetTable` that holds them."""
+_LATER = ("G", "memory")  # columns that tables of earlier versions lack
 _KEYS = b"stadera.keys"
 
 
@@ -142,8 +144,9 @@ def _read(path: Path, columns: dict[str, str]) -> tuple[tuple[dict[str, Any], ..
 
     with foreign(path, "not a fleet's table", StaderaError):
         table = parquet.read_table(path)
-    if "memory" in columns and "memory" not in table.column_names:  # of a version that had none
-        table = table.append_column("memory", [[None] * table.num_rows])
+    for name in _LATER:
+        if name in columns and name not in table.column_names:
+            table = table.append_column(name, [[None] * table.num_rows])
     if missing := [name for name in columns if name not in table.column_names]:
         raise StaderaError(f"{path}: not a fleet's table: no column {', '.join(missing)}")
     return tuple(table.select(list(columns)).to_pylist()), (table.schema.metadata or {}).get(_KEYS, b"")

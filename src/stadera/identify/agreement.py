@@ -5,7 +5,8 @@ part on x, its estimate is x̂ = C b, C = (A + 1)⁻¹, and the difference of tw
 
     C₁ A₁ C₁ + C₂ A₂ C₂ + D Dᵀ,      D = C₁ A₁ - C₂ A₂
 
-the last term since the prior draws both towards the model, and differently so. Only parameters that both sides know
+the last term since the prior draws both towards the model, and differently so. Errors that the information considers,
+such as a lag of the torques, are each part's own and add what they do to each. Only parameters that both sides know
 twice as well as the prior are compared. Of so many looks the largest is large by chance: a parameter differs if its
 deviation has a probability below 5 % divided by the number of looks.
 """
@@ -122,9 +123,9 @@ def _deviations(
     values, deviations, seen = [], [], []
     for k, part in enumerate(parts):
         others = reduce(Information.merge, [*parts[:k], *parts[k + 1 :]])
-        (x1, C1, A1), (x2, C2, A2) = _estimate(part, prior), _estimate(others, prior)
+        (x1, C1, A1, G1), (x2, C2, A2, G2) = _estimate(part, prior), _estimate(others, prior)
         drawn = C1 @ A1 - C2 @ A2
-        covariance = C1 @ A1 @ C1 + C2 @ A2 @ C2 + drawn @ drawn.T
+        covariance = C1 @ A1 @ C1 + C2 @ A2 @ C2 + drawn @ drawn.T + G1 @ G1.T + G2 @ G2.T
         std = _std(prior.root, covariance)
         deviations.append(prior.root @ (x1 - x2) / np.maximum(std, 1e-9 * prior.scales))
         stds = [_std(prior.root, C) for C in (C1, C2)]
@@ -140,13 +141,14 @@ def _deviations(
     return out
 
 
-def _estimate(information: Information, prior: Prior) -> tuple[Array, Array, Array]:
-    """x̂, C and A of information on the prior's columns, by singular values: the normal matrix of data without noise
-    has half their digits.
+def _estimate(information: Information, prior: Prior) -> tuple[Array, Array, Array, Array]:
+    """x̂, C, A and what considered errors do to x̂, of information on the prior's columns, by singular values: the normal
+    matrix of data without noise has half their digits.
     """
     U, sizes, Vt = np.linalg.svd(information.R @ prior.root)
     x = Vt.T @ (sizes / (1.0 + sizes**2) * (U.T @ (information.z - information.R @ prior.values)))
-    return x, (Vt.T / (1.0 + sizes**2)) @ Vt, (Vt.T * sizes**2) @ Vt
+    considered = Vt.T @ ((sizes / (1.0 + sizes**2))[:, None] * (U.T @ information.G))
+    return x, (Vt.T / (1.0 + sizes**2)) @ Vt, (Vt.T * sizes**2) @ Vt, considered
 
 
 def _std(root: Array, covariance: Array) -> Array:

@@ -29,6 +29,8 @@ from stadera.logs.processing import Processed
 from stadera.types import Array
 
 TRACE_S, TRACE_SAMPLES = 60.0, 3000
+LAG = "torque_lag"
+"""Name of the torques' remaining lag [s] among the parameters of summed rows."""
 
 
 def rows_of(task: LegTask, chunk: Processed, trunk: TrunkMotion) -> Iterator[Rows]:
@@ -37,6 +39,18 @@ def rows_of(task: LegTask, chunk: Processed, trunk: TrunkMotion) -> Iterator[Row
     assert chunk.effort is not None
     motion = JointMotion(chunk.position[:, index], chunk.velocity[:, index], chunk.acceleration[:, index])
     return task.rows(motion, chunk.effort[:, index], trunk)
+
+
+def _late_rows(task: LegTask, chunk: Processed, trunk: TrunkMotion) -> Iterator[Rows]:
+    """The same, with the remaining lag δ of the torques: Y θ = τ(t - δ), so Y θ + τ̇ δ = τ."""
+    for rows in rows_of(task, chunk, trunk):
+        rate = np.gradient(rows.target, chunk.time) if len(chunk) > 1 else np.zeros(len(chunk))
+        mixing = rows.mixing
+        if mixing is not None:
+            wider = np.zeros((len(mixing) + 1, mixing.shape[1] + 1))
+            wider[:-1, :-1], wider[-1, -1] = mixing, 1.0
+            mixing = wider
+        yield Rows((*rows.columns, LAG), np.column_stack([rows.reduced, rate]), rows.target, rows.std, mixing)
 
 
 def speed(task: LegTask, chunk: Processed) -> Array:
@@ -216,9 +230,14 @@ def scored(
 
 
 def smoothed_rows(
-    task: LegTask, part: Part, trunk: TrunkMotion, cutoff_hz: float | None, drop_below: float
+    task: LegTask,
+    part: Part,
+    trunk: TrunkMotion,
+    cutoff_hz: float | None,
+    drop_below: float,
+    made: Callable[[LegTask, Processed, TrunkMotion], Iterator[Rows]] = rows_of,
 ) -> Iterator[tuple[Array, tuple[Rows, ...]]]:
-    """Yields times [s] and one set of rows for each joint of a leg, chunk by chunk, in N·m with unit noise.
+    """Yields times [s] and one set of rows for each joint of a leg, `made` of each chunk, in N·m with unit noise.
 
     The part includes its samples at rest, since a filter must not run across gaps; `cutoff_hz` is that of the rows,
     None for no filter. Rows in which all joints are slower than `drop_below` [rad/s] are removed after filtering.
@@ -227,11 +246,11 @@ def smoothed_rows(
         for first in stream:  # the stream goes on inside
             chunks = chain([first], stream)
             if cutoff_hz is not None:
-                yield from _filtered(task, chunks, trunk, first.report.rate_hz, cutoff_hz, drop_below)
+                yield from _filtered(task, chunks, trunk, first.report.rate_hz, cutoff_hz, drop_below, made)
                 continue
             for chunk in chunks:
                 moving = speed(task, chunk) >= drop_below
-                every = rows_of(task, chunk, trunk)
+                every = made(task, chunk, trunk)
                 yield chunk.time[moving], tuple(r.replaced(r.reduced[moving], r.target[moving]) for r in every)
 
 
@@ -242,12 +261,13 @@ def _filtered(
     rate_hz: float,
     cutoff_hz: float,
     drop_below: float,
+    made: Callable[[LegTask, Processed, TrunkMotion], Iterator[Rows]],
 ) -> Iterator[tuple[Array, tuple[Rows, ...]]]:
     kinds: list[Rows] = []
 
     def stacked() -> Iterator[tuple[Array, Array]]:
         for chunk in chunks:
-            every = list(rows_of(task, chunk, trunk))
+            every = list(made(task, chunk, trunk))
             kinds[:] = every
             sides = [side for rows in every for side in (rows.reduced, rows.target[:, None])]
             yield chunk.time, np.concatenate([*sides, speed(task, chunk)[:, None]], axis=1)
@@ -269,18 +289,23 @@ def _filtered(
 class Gathered:
     """Information of the training part on one leg."""
 
-    by_joint: tuple[Information, ...]  # information of each joint's rows, in N·m, on the regressor's columns
+    # information of each joint's rows, in N·m, on the regressor's columns and the remaining lag
+    by_joint: tuple[Information, ...]
     noise: Mapping[str, float]  # by joint, standard deviation of the torque residual [N·m]
     correlation: Mapping[str, float]  # by joint, number of samples that count as one independent sample
     friction_only: Mapping[str, float]  # the joint terms fitted with the rigid bodies at CAD
+    lag_std: float = 0.0  # standard deviation of the remaining lag before the rows [s]
 
     def whitened(self, fixed: Mapping[str, float]) -> Information:
-        """All joints' rows in units of their noise (eq. 6) and correlation, for the parameters that are not fixed."""
+        """All joints' rows in units of their noise (eq. 6) and correlation, for the parameters that are not fixed; the
+        remaining lag is considered.
+        """
         weighted = (
             information.scaled_noise(std).forget(1.0 / self.correlation[joint])
             for information, (joint, std) in zip(self.by_joint, self.noise.items(), strict=True)
         )
-        return reduce(Information.merge, weighted, Information.empty(self.by_joint[0].unknowns)).fix(fixed)
+        whole = reduce(Information.merge, weighted, Information.empty(self.by_joint[0].unknowns)).fix(fixed)
+        return whole.consider(np.full((1, 1), self.lag_std), (LAG,))
 
 
 def with_varying_friction(job: Job, training: Part) -> Job:
@@ -307,12 +332,13 @@ def gather(job: Job, training: Part) -> tuple[Gathered, ...]:
     out = []
     for done, task in enumerate(job.tasks):
         by_joint = _summed_up(_rows(job, task, training), task)
-        free = [found.fix(task.fixed) for found in by_joint]
-        best = [dict(task.fixed) | found.least_squares() for found in free]
+        known = dict(task.fixed) | {LAG: 0.0}
+        free = [found.fix(known) for found in by_joint]
+        best = [known | found.least_squares() for found in free]
         ranks = [found.rank() for found in free]
         noise = residual_noise(_rows(job, task, training), task.leg.joints, best, ranks)
         constant = _summed_up(_rows(job, task.constant, training), task.constant) if task.varying else by_joint
-        out.append(Gathered(by_joint, *noise, _joint_terms(task, constant)))
+        out.append(Gathered(by_joint, *noise, _joint_terms(task, constant), job.lag_std))
         job.progress("summing up the torques", done + 1, len(job.tasks))
     return tuple(out)
 
@@ -323,10 +349,10 @@ def with_noise_of(
     """The same sums, with the noise given by these estimates' residuals, with all that no model explains."""
     out = []
     for done, (task, data, estimate) in enumerate(zip(job.tasks, gathered, estimates, strict=True)):
-        parameters = dict(task.fixed) | estimate.by_name()
+        parameters = dict(task.fixed) | estimate.by_name() | {LAG: 0.0}
         joints = task.leg.joints
         noise = residual_noise(_rows(job, task, training), joints, [parameters] * len(joints), [0] * len(joints))
-        out.append(Gathered(data.by_joint, *noise, data.friction_only))
+        out.append(replace(data, noise=noise[0], correlation=noise[1]))
         job.progress("measuring the noise", done + 1, len(job.tasks))
     return tuple(out)
 
@@ -340,12 +366,12 @@ def information_of(job: Job, part: Part, gathered: Sequence[Gathered]) -> list[I
 
 
 def _rows(job: Job, task: LegTask, training: Part) -> Iterator[tuple[Rows, ...]]:
-    return (rows for _, rows in smoothed_rows(task, training, job.trunk, job.rows_cutoff, job.drop_below))
+    return (rows for _, rows in smoothed_rows(task, training, job.trunk, job.rows_cutoff, job.drop_below, _late_rows))
 
 
 def _summed_up(chunks: Iterable[tuple[Rows, ...]], task: LegTask, together: int = 8) -> tuple[Information, ...]:
     """Sums up the information of each of a leg's joints, so many chunks at a time."""
-    columns = task.columns
+    columns = (*task.columns, LAG)
     pending: list[list[Information]] = [[Information.empty(columns)] for _ in task.leg.joints]
     for every in chunks:
         for waiting, rows in zip(pending, every, strict=True):
@@ -359,7 +385,7 @@ def _joint_terms(task: LegTask, by_joint: Sequence[Information]) -> dict[str, fl
     """Joint terms that fit best with the links at their CAD values, friction constant."""
     fitted: dict[str, float] = {}
     for information in by_joint:
-        terms = information.fix(task.rigid | dict(task.fixed))
+        terms = information.fix(task.rigid | dict(task.fixed) | {LAG: 0.0})
         heard = np.linalg.norm(terms.R, axis=0) > 0  # the other joints' terms do not affect this one
         fitted |= {c: v for (c, v), h in zip(terms.least_squares().items(), heard, strict=True) if h}
     return fitted

@@ -145,6 +145,7 @@ class Job:
     notes: tuple[str, ...]  # remarks, one sentence each
     doubts: tuple[str, ...]  # reasons found in the logs why the result is doubtful at best
     progress: Progress  # see `Progress`
+    lag_std: float = 0.0  # standard deviation of what remains of the torques' lag [s]
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -185,7 +186,7 @@ def prepare(robot: Robot, logs: Sequence[Log], settings: IdentifySettings, progr
     notes: tuple[str, ...] = ()
     if lag is None:
         progress("estimating the torque lag", 0, 1)
-        lag, notes = _estimated_lag(beginnings, tasks, vertical, cutoff, settings)
+        lag, notes = _estimated_lag(robot, beginnings, tasks, vertical, cutoff, settings)
         progress("estimating the torque lag", 1, 1)
     if rows_cutoff is not None:
         notes += (f"equations filtered at {rows_cutoff:g} Hz, thinned to twice that",)
@@ -204,6 +205,7 @@ def prepare(robot: Robot, logs: Sequence[Log], settings: IdentifySettings, progr
         notes=notes,
         doubts=tuple(dict.fromkeys(doubt for beginning in beginnings for doubt in beginning.doubts)),
         progress=progress,
+        lag_std=settings.signals.lag.remains if settings.torque_lag is None else 0.0,
     )
 
 
@@ -296,6 +298,7 @@ def _cutoffs(
 
 
 def _estimated_lag(
+    robot: Robot,
     beginnings: Sequence[Recording],
     tasks: Sequence[LegTask],
     vertical: TrunkUp,
@@ -309,7 +312,8 @@ def _estimated_lag(
     joints = tuple(joint for task in tasks for joint in task.leg.joints)
     stretches = [p for r in recordings for p in preprocess_stream([r], Preprocessing(cutoff), joints) if len(p)]
     search = asked.signals.lag
-    lag, ratio = estimate_lag(stretches, [task.regressor for task in tasks], vertical.up, search)
+    legs = [(task.regressor, robot_prior(robot, task.regressor.columns, asked.width)) for task in tasks]
+    lag, ratio = estimate_lag(stretches, legs, vertical.up, search)
     if min(abs(lag - search.earliest), abs(lag - search.latest)) < search.step / 2:
         return lag, (f"torque lag at the end of the search, {1e3 * lag:.1f} ms: look at the stamps of the log",)
     fall = f"it lowers the residuals' variance by {100 * (1 - ratio):.0f} %"

@@ -4,10 +4,12 @@ Commands and sensor readings are delayed. A few milliseconds appear as friction 
 since the torque then looks like a function of the earlier velocity. The lag, common to all joints, is the one with
 which the model explains the torques best:
 
-    minimise over δ   Σ_joints N log ρ_j²(δ),     ρ_j²(δ) = min_θ ‖Y θ - τ_j(t - δ)‖²
+    minimise over δ   (δ / σ_δ)² + Σ_joints N log ρ_j²(δ),     ρ_j²(δ) = min_x ‖Y (θ₀ + S x) - τ_j(t - δ)‖² + σ² ‖x‖²
 
-the log-likelihood of Gaussian residuals with a separate variance for each joint. Y is factored once; the lags are
-right-hand sides of one least-squares problem.
+the log-likelihood of Gaussian residuals with a separate variance σ² for each joint, with the prior θ = θ₀ + S x of the
+identification: the 27 free columns of a hip explain what a wrong lag leaves in a few seconds of noisy torques. Of
+signals low-passed at f_c, N counts 2 f_c independent samples a second. Y is factored once; the lags are right-hand
+sides of one least-squares problem.
 
 A joint's samples near standstill are excluded: while it sticks, static friction takes any value up to Coulomb's, and
 the torque changes sign where the velocity does not, which looks like a lag. Of several minima the one reached downhill
@@ -23,6 +25,7 @@ from scipy.interpolate import CubicSpline
 from scipy.linalg import qr
 
 from stadera.body import JointMotion, JointTorqueRegressor, TrunkMotion
+from stadera.identify.prior import Prior
 from stadera.identify.settings import LagSettings
 from stadera.logs.processing import Processed
 from stadera.types import Array, Bools
@@ -30,36 +33,47 @@ from stadera.types import Array, Bools
 
 def estimate_lag(
     processed: Sequence[Processed],
-    regressors: Sequence[JointTorqueRegressor],
+    legs: Sequence[tuple[JointTorqueRegressor, Prior]],
     trunk_up: Array,
     settings: LagSettings | None = None,
 ) -> tuple[float, float]:
     """Estimates the lag of the efforts [s], and the ratio of the residuals' variance with it to that without it.
 
-    The stretches have no gaps, are preprocessed without lag compensation, and keep samples at rest. One regressor for
-    each leg; `trunk_up` (3,) is the vertical in trunk axes.
+    The stretches have no gaps, are preprocessed alike without lag compensation, and keep samples at rest. Each leg has
+    a regressor and the prior of its columns; `trunk_up` (3,) is the vertical in trunk axes.
     """
     search = settings or LagSettings()
     lags = np.arange(search.earliest, search.latest + search.step / 2, search.step)
     cost = np.zeros(len(lags))
     at_zero = int(np.argmin(np.abs(lags)))
-    samples = 0
+    samples = 0.0
     long = [stretch for stretch in processed if stretch.time[-1] - stretch.time[0] > search.latest - search.earliest]
-    for regressor in regressors:
+    for regressor, prior in legs if long else ():
         by_joint = zip(*(_delayed(stretch, regressor, lags, trunk_up, search) for stretch in long), strict=True)
-        for block in map(np.concatenate, by_joint):
-            if len(block) > 2 * block.shape[1]:
-                cost += _log_residuals(block, len(lags))
-                samples += len(block)
-    best, ratio = _vertex(lags, np.exp((cost - cost[at_zero]) / max(samples, 1)), at_zero)
+        for parts in by_joint:
+            columns, block = parts[0][0], np.concatenate([values for _, values in parts])
+            if len(block) > 2 * len(columns):
+                independent = len(block) * _worth(long[0])
+                cost += independent * _log_residuals(block, columns, prior, independent)
+                samples += independent
+    usual = np.exp((cost - cost[at_zero] + (lags / search.usual) ** 2) / max(samples, 1.0))
+    best, ratio = _vertex(lags, usual, at_zero)
     significant = ratio < 1.0 - search.noticeable and abs(best) > search.resolution
     return (best, ratio) if significant else (0.0, 1.0)
 
 
+def _worth(stretch: Processed) -> float:
+    """Number of independent samples that a low-passed one is worth."""
+    cutoff = stretch.report.cutoff_hz
+    return 1.0 if cutoff is None else min(2.0 * cutoff / stretch.report.rate_hz, 1.0)
+
+
 def _delayed(
     stretch: Processed, regressor: JointTorqueRegressor, lags: Array, up: Array, search: LagSettings
-) -> Iterator[Array]:
-    """For each joint, where it slides: its columns, and its efforts at all lags, (samples, columns + lags)."""
+) -> Iterator[tuple[tuple[str, ...], Array]]:
+    """For each joint its columns, and where it slides their values and its efforts at all lags, (samples, columns +
+    lags).
+    """
     names = regressor.tree.joints
     index = [stretch.joints.index(name) for name in names]
     inner = (stretch.time >= stretch.time[0] + search.latest) & (stretch.time <= stretch.time[-1] + search.earliest)
@@ -70,7 +84,7 @@ def _delayed(
     rows = regressor.rows(joints, delayed[:, :, 0], TrunkMotion.held(up))
     for k, row in enumerate(rows):
         slides = _slides_throughout(stretch.time[inner], joints.velocity[:, k], search)
-        yield np.column_stack((row.matrix, delayed[:, k]))[slides]
+        yield row.columns, np.column_stack((row.matrix, delayed[:, k]))[slides]
 
 
 def _slides_throughout(time: Array, velocity: Array, search: LagSettings) -> Bools:
@@ -81,18 +95,23 @@ def _slides_throughout(time: Array, velocity: Array, search: LagSettings) -> Boo
     return np.asarray(slow[last] == slow[first])
 
 
-def _log_residuals(block: Array, lags: int) -> Array:
-    """N log of the mean squared residual of each of the last `lags` columns, regressed on the columns before them."""
-    n = block.shape[1] - lags
-    scale = np.linalg.norm(block, axis=0)
-    block = block / np.where(scale > 0, scale, 1.0)
-    Q, R, _ = qr(block[:, :n], mode="economic", pivoting=True)
+def _log_residuals(block: Array, columns: Sequence[str], prior: Prior, independent: float) -> Array:
+    """log ρ² of each of the last columns of a joint's block, regressed on those before them under their prior; so many
+    of its samples are `independent`.
+    """
+    n, at = len(columns), [prior.columns.index(name) for name in columns]
+    matrix, delayed = block[:, :n], block[:, n:]
+    scale = np.linalg.norm(matrix, axis=0)
+    Q, R, _ = qr(matrix / np.where(scale > 0, scale, 1.0), mode="economic", pivoting=True)
     diagonal = np.abs(np.diag(R))
     Q = Q[:, : int(np.sum(diagonal > 1e-10 * diagonal[0]))]
-    residual = np.sum(block[:, n:] ** 2, axis=0) - np.sum((Q.T @ block[:, n:]) ** 2, axis=0)
-    floor = 1e-13  # of the torque's square: below it, rounding error
-    squared = np.maximum(scale[n:] ** 2, np.finfo(float).tiny) / len(block)
-    return np.asarray(len(block) * (np.log(np.maximum(residual, floor)) + np.log(squared)))
+    floor = 1e-13 * np.maximum((delayed**2).sum(axis=0), np.finfo(float).tiny)  # rounding error
+    free = np.maximum((delayed**2).sum(axis=0) - ((Q.T @ delayed) ** 2).sum(axis=0), floor)
+    noise = np.sqrt(free.min() / independent)  # of a sample, as if all were independent
+    shaped, gap = matrix @ prior.root[at], delayed - (matrix @ prior.values[at])[:, None]
+    Q = np.linalg.qr(np.vstack([shaped, noise * np.eye(shaped.shape[1])]))[0][: len(shaped)]
+    left = (gap**2).sum(axis=0) - ((Q.T @ gap) ** 2).sum(axis=0)
+    return np.asarray(np.log(np.maximum(left, floor)))
 
 
 def _vertex(lags: Array, variance: Array, start: int) -> tuple[float, float]:

@@ -32,7 +32,7 @@ from stadera.identify.log import Part, Section, time_span
 from stadera.identify.observability import Combination, Observability, gradients_of, observability
 from stadera.identify.result import Identification, KnownCombination, LegIdentification, robot_with_legs, unit_of
 from stadera.identify.settings import IdentifySettings
-from stadera.identify.solutions import Estimate, solve_legs
+from stadera.identify.solutions import Estimate, solve_legs, with_scale
 from stadera.identify.trust import leg_warnings, log_warnings, trust_in
 from stadera.information import Information
 from stadera.logs.reader import Log, as_logs
@@ -306,9 +306,10 @@ def _scored_legs(
 def _solve(
     job: Job, gathered: Sequence[Gathered], floats: Sequence[FloatingLog] = (), recalled: Told | None = None
 ) -> list[tuple[Estimate, Estimate]]:
+    own = [with_scale(g.whitened(t.fixed), job.settings.width.gain) for t, g in zip(job.tasks, gathered, strict=True)]
     legs = [
-        (t.leg, _floating_information(t, floats, g.whitened(t.fixed), recalled), t.prior)
-        for t, g in zip(job.tasks, gathered, strict=True)
+        (t.leg, _floating_information(t, floats, known, recalled), t.prior)
+        for t, known in zip(job.tasks, own, strict=True)
     ]
     return solve_legs(legs, job.settings.method, job.settings.spread, job.settings.solver, job.progress)
 

@@ -23,6 +23,7 @@ from stadera.constants import GRAVITY
 from stadera.errors import IdentificationError
 from stadera.inertia import ORDER, PSEUDO_BASIS, InertialParameters
 from stadera.robot.model import JointDynamics, Robot
+from stadera.trunk.settings import ModelErrors
 from stadera.types import Array
 
 _SYMMETRIC_BASIS = np.zeros_like(PSEUDO_BASIS)
@@ -46,6 +47,8 @@ class PriorWidth:
     # by which Coulomb friction varies with position, relative to the same torque: about as large as friction itself
     varying: float = 0.02
     load: float = 0.1  # of the share of the carried torque that friction takes
+    # of the torques' scale, which no log shows: a joint's own, and that of all together (`stadera.trunk.ModelErrors`)
+    gain: float = float(np.hypot(ModelErrors.gain, ModelErrors.common_gain))
 
     def __post_init__(self) -> None:
         for name in self.__dataclass_fields__:

@@ -57,6 +57,8 @@ class Estimate:
     prior: Prior  # of the parameters
     observability: Observability  # of the parameters
     method: str  # "null-space" or "consistent"
+    # (n, errors), columns whose squares are in the covariance: errors that the legs of a log have in common
+    shared: Array
     held: tuple[str, ...] = ()  # masses that were fixed at CAD because they are not observable
 
     def by_name(self) -> dict[str, float]:
@@ -97,13 +99,16 @@ def null_space_solution(information: Information, prior: Prior, settings: Solver
     x[[verdict is Identifiability.UNOBSERVABLE for verdict in seen.verdicts()]] = 0.0  # zero except for rounding error
     scaled = directions.T * prior.scales[:, None]
     covariance = (scaled / (seen.singular_values**2 + 1.0)) @ scaled.T
+    shared = scaled[:, :rank] @ ((seen.left[:, :rank].T @ data.G) / seen.singular_values[:rank, None])
+    covariance += shared @ shared.T
     verdicts = dict(zip(prior.columns, seen.verdicts(), strict=True))
     held = [link for link in prior.links if verdicts[f"{link}.m"] is not Identifiability.OBSERVABLE]
     values = prior.values + prior.scales * x
     positive = signed(prior)
     rounding = (values[positive] < 0) & (values[positive] > -1e-9 * prior.scales[positive])
     values[positive] = np.where(rounding, 0.0, values[positive])
-    return Estimate(prior.columns, values, covariance, prior, seen, "null-space", tuple(f"{link}.m" for link in held))
+    fixed = tuple(f"{link}.m" for link in held)
+    return Estimate(prior.columns, values, covariance, prior, seen, "null-space", shared, fixed)
 
 
 def consistent_solution(information: Information, prior: Prior, settings: SolverSettings | None = None) -> Estimate:
@@ -141,8 +146,10 @@ def consistent_solution(information: Information, prior: Prior, settings: Solver
     scaled, ahead = root @ Vt.T, prior.root[:, held]
     # a fixed mass has an error of its prior width, which propagates to the parameters correlated with it
     moved = ahead - (scaled / weight**2) @ (s[:, None] * (U.T @ (data.R @ ahead)))
-    covariance = (scaled / weight**2) @ scaled.T + moved @ moved.T
-    return Estimate(prior.columns, values, covariance, prior, seen, "consistent", tuple(f"{link}.m" for link in links))
+    shared = (scaled * (s / weight**2)) @ (U.T @ data.G)
+    covariance = (scaled / weight**2) @ scaled.T + moved @ moved.T + shared @ shared.T
+    fixed = tuple(f"{link}.m" for link in links)
+    return Estimate(prior.columns, values, covariance, prior, seen, "consistent", shared, fixed)
 
 
 def _constrained(
@@ -281,7 +288,7 @@ def pooled_prior(leg: Leg, prior: Prior, others: Sequence[tuple[Leg, Estimate]],
             for other, estimate in others:
                 k = estimate.columns.index(f"{other.joints[position]}.{term}")
                 found.append(estimate.values[k])
-                variance.append(estimate.covariance[k, k])
+                variance.append(estimate.covariance[k, k] - float(estimate.shared[k] @ estimate.shared[k]))
             k = prior.columns.index(name)
             values[k], root[k, k] = _mean(np.array(found), np.array(variance), getattr(spread, term), root[k, k])
     return replace(prior, values=values, root=root)
@@ -294,6 +301,11 @@ def _mean(
     weights = 1.0 / (variance + between + 1e-12 * widest**2)
     mean = float(weights @ found / weights.sum())
     return max(mean, 0.0), min(float(np.sqrt(between + 1.0 / weights.sum())), widest)
+
+
+def with_scale(information: Information, std: float) -> Information:
+    """Information by torques whose scale has an error that no row shows, of this standard deviation [1]."""
+    return replace(information, G=np.column_stack([information.G, std * information.z]))
 
 
 _SOLVERS = {"consistent": consistent_solution, "null-space": null_space_solution}
