@@ -307,3 +307,15 @@ def test_bad_requests_are_named(routine: Routine, run: Any) -> None:
         ended = run("excite", "--robot", "hyq", *asked)
         assert ended.code == 2
         assert "--trunk" in ended.err
+
+
+def test_a_drawn_robot_loses_torque_by_what_its_joints_carry() -> None:
+    drawn, planted = Drawn(load_robot("go2"), np.random.default_rng(3)), path_of("go2")
+    whole = drawn.measured(planted).effort
+    drawn._p = dict(drawn._p) | {"load_friction": 0.0 * drawn._p["load_friction"]}
+    carried = drawn.measured(planted).effort  # the noise is the same
+    lost, rate = (whole - carried)[100:-100], planted.motion.velocity[100:-100]
+    sliding = np.abs(rate) > 0.2
+    share = np.abs(lost[sliding]) / np.abs(carried[100:-100][sliding])
+    assert (np.sign(lost[sliding]) == np.sign(rate[sliding])).mean() > 0.95
+    assert 0.01 < np.median(share) < 0.15

@@ -26,6 +26,7 @@ from scipy.interpolate import make_interp_spline
 from scipy.spatial.transform import Rotation
 
 from stadera.body import Body, Motion, State
+from stadera.body.friction import direction
 from stadera.constants import GRAVITY
 from stadera.errors import IdentificationError
 from stadera.excite.sinusoids import Sinusoids
@@ -305,7 +306,9 @@ class Drawn:
         rng, order = np.random.default_rng(self._seed), self._order
         trunk = self.true.inertias[self.true.trunk]
         effort, _ = planted.torques(trunk if payload is None else trunk + payload)
-        late, scale, zero = np.empty_like(effort), np.empty(len(order)), np.empty(len(order))
+        late, scale, zero, lost = np.empty_like(effort), *np.empty((3, len(order)))
+        lost[order] = np.abs(p["load_friction"])
+        effort += lost * np.abs(effort) * direction(motion.velocity)
         scale[order] = 1.0 + p["gain"] + p["common_gain"]
         zero[order] = p["encoder"]
         for j in range(len(order)):
