@@ -14,7 +14,7 @@ from scipy import io
 
 from stadera.errors import RecordingError
 from stadera.logs import LogFile, Topics, read, stream
-from stadera.logs.topics import Reading
+from stadera.logs.topics import ReadOptions
 
 TIME = np.arange(40) * 0.01
 MANY = np.arange(480.0).reshape(40, 12)
@@ -44,7 +44,7 @@ def test_numbered_arrays_need_their_order(tmp_path: Path) -> None:
     path = npz(tmp_path, t=TIME, q=MANY, dq=MANY, tau=MANY, gyro=MANY[:, :3], acc=MANY[:, :3])
     with pytest.raises(RecordingError, match=r"no column '<joint>\.position'.*isaac or isaaclab or unitree.*differ in"):
         read(path)
-    log = read(LogFile(path, Topics(), Reading.of("unitree")))
+    log = read(LogFile(path, Topics(), ReadOptions.of("unitree")))
     assert log.joints[:2] == ("FR_hip_joint", "FR_thigh_joint")
     np.testing.assert_array_equal(log.effort, MANY)
     assert log.imu is not None

@@ -16,7 +16,7 @@ from stadera.joint_words import matched, places
 from stadera.logs import Imu, LogFile, Recording, Topics, read, stream
 from stadera.logs.foreign.column_map import column_map, parsed, preset, preset_names
 from stadera.logs.foreign.template import template
-from stadera.logs.topics import Reading
+from stadera.logs.topics import ReadOptions
 from stadera.logs.units import Units, unix_unit
 
 UNITREE = [f"{leg}_{part}_joint" for leg in ("FR", "FL", "RR", "RL") for part in ("hip", "thigh", "calf")]
@@ -34,7 +34,7 @@ def table(folder: Path, *columns: str, name: str = "log.csv", step: float = 0.01
 
 
 def read_as(path: Path, joints: list[str] | None = None, **reading: str) -> Recording:
-    return read(LogFile(path, Topics(), Reading.of(**reading)), joints=joints)  # type: ignore[arg-type]
+    return read(LogFile(path, Topics(), ReadOptions.of(**reading)), joints=joints)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(
@@ -162,7 +162,7 @@ def test_rows_without_time_have_a_rate(tmp_path: Path) -> None:
     path = table(tmp_path, "a.position", "a.effort")
     with pytest.raises(RecordingError, match=r"no column 'time'.*--units 200Hz"):
         read(path)
-    chunks = list(stream(LogFile(path, Topics(), Reading.of(units="50Hz")), rows=2))
+    chunks = list(stream(LogFile(path, Topics(), ReadOptions.of(units="50Hz")), rows=2))
     assert [time for chunk in chunks for time in chunk.time] == pytest.approx([0, 0.02, 0.04, 0.06, 0.08])
 
 
@@ -261,14 +261,14 @@ def test_a_slower_imu_of_plotjuggler_is_interpolated(tmp_path: Path) -> None:
 
 def test_the_template_reads_the_log_that_it_was_made_of(tmp_path: Path) -> None:
     path = table(tmp_path, "timestamp", *(f"motor_state_{k}_q" for k in range(12)), "battery")
-    (tmp_path / "map.toml").write_text(template(path, Reading()))
+    (tmp_path / "map.toml").write_text(template(path, ReadOptions()))
     assert 'not used: "battery"' in (tmp_path / "map.toml").read_text()
     np.testing.assert_array_equal(read_as(path, columns=str(tmp_path / "map.toml")).position, read(path).position)
     numbered = table(tmp_path, "time", *(f"q_{k}" for k in range(12)), name="numbered.csv")
-    assert '"FL_hip_joint.position" = "q_' in template(numbered, Reading())
-    assert "check that this is their order" in template(numbered, Reading())
+    assert '"FL_hip_joint.position" = "q_' in template(numbered, ReadOptions())
+    assert "check that this is their order" in template(numbered, ReadOptions())
     strange = table(tmp_path, "x", "y", name="strange.csv")
-    assert "Nothing was recognised" in template(strange, Reading())
+    assert "Nothing was recognised" in template(strange, ReadOptions())
 
 
 def test_units_are_named() -> None:

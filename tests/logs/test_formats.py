@@ -14,7 +14,7 @@ from stadera.identify.settings import IdentifySettings
 from stadera.inertia import InertialParameters
 from stadera.lab.plant import STANDARD
 from stadera.logs import LogFile, Recording, Topics, read, take
-from stadera.logs.topics import Reading
+from stadera.logs.topics import ReadOptions
 from stadera.robot import load_robot
 from stadera.weigh import weigh
 from walking import Walk, recorded, walked
@@ -32,7 +32,7 @@ def walk() -> Recording:
 
 def log_of(written: Written) -> LogFile:
     said = dict(zip(written.options[::2], written.options[1::2], strict=True))
-    return LogFile(written.path, Topics(), Reading.of(said.get("--columns"), said.get("--units")))
+    return LogFile(written.path, Topics(), ReadOptions.of(said.get("--columns"), said.get("--units")))
 
 
 @pytest.mark.parametrize("name", [name for name in FORMATS if "apart" not in name])

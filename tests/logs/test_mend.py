@@ -11,7 +11,7 @@ import pytest
 from stadera.errors import RecordingError
 from stadera.logs import Imu, LogFile, Recording, read, stream, take, write_table
 from stadera.logs.mend import Gear, Mend, changed
-from stadera.logs.topics import Reading
+from stadera.logs.topics import ReadOptions
 
 JOINTS = ("FL_hip_joint", "FL_thigh_joint", "FL_calf_joint")
 
@@ -24,7 +24,7 @@ def log() -> Recording:
 
 def test_a_gear_multiplies_torques_alone(log: Recording, tmp_path: Path) -> None:
     path = write_table(log, tmp_path / "log.csv")
-    back = read(LogFile(path, reading=Reading.of(gear="6.33,6.33,9.55")))
+    back = read(LogFile(path, reading=ReadOptions.of(gear="6.33,6.33,9.55")))
     assert log.effort is not None
     np.testing.assert_allclose(back.effort, log.effort * [6.33, 6.33, 9.55], rtol=1e-9)
     np.testing.assert_allclose(back.position, log.position, rtol=1e-9)
@@ -45,7 +45,7 @@ def test_no_gear(text: str) -> None:
 def test_swapped_columns_are_read_though_one_joint_is_asked_for(log: Recording, tmp_path: Path) -> None:
     swap = Mend("knees", swapped={("effort", JOINTS[0]): JOINTS[2], ("effort", JOINTS[2]): JOINTS[0]})
     path = write_table(log, tmp_path / "log.csv")
-    file = LogFile(path, reading=replace(Reading(), changes=(swap,)))
+    file = LogFile(path, reading=replace(ReadOptions(), changes=(swap,)))
     chunks = list(stream(file, joints=JOINTS[:1], rows=15))
     assert [chunk.joints for chunk in chunks] == [JOINTS[:1]] * 3
     assert [chunk.notes.count("knees") for chunk in chunks] == [1, 0, 0]

@@ -17,7 +17,7 @@ from stadera.lab.plant import STANDARD
 from stadera.logs import LogFile, Recording, Topics, read, stream
 from stadera.logs.frames import columns_of
 from stadera.logs.recording import with_velocity
-from stadera.logs.topics import PdGains, Reading
+from stadera.logs.topics import PdGains, ReadOptions
 from stadera.robot import load_robot
 from stadera.weigh import weigh
 from walking import Walk, recorded, walked
@@ -41,7 +41,7 @@ def commanded(recording: Recording, path: Path, *, velocity: bool = True) -> Pat
 
 
 def log_of(path: Path, pd: str) -> LogFile:
-    return LogFile(path, Topics(), Reading.of(pd=pd))
+    return LogFile(path, Topics(), ReadOptions.of(pd=pd))
 
 
 @pytest.fixture(scope="module")

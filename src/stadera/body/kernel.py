@@ -86,6 +86,13 @@ def set_trunk(n: int, R: Array, o: Array) -> None:
 
 
 @part
+def set_motion(n: int, trunk: Array, at: int, omega: Array, alpha: Array, a: Array) -> None:
+    """Writes the trunk's ω, α and a of sample `at`, at place n."""
+    for c in range(3):
+        omega[n, c], alpha[n, c], a[n, c] = trunk[at, 0, c], trunk[at, 1, c], trunk[at, 2, c]
+
+
+@part
 def turn_about(R: Array, parent: int, fixed: Array, j: int, axis: Vector, angle: float) -> None:
     """Writes R_j = R_parent B_j exp([axis]x angle), with exp([a]x q) = cos q 1 + sin q [a]x + (1 - cos q) a aᵀ."""
     s, c = sin(angle), cos(angle)
@@ -283,6 +290,31 @@ def own_columns(j: int, R: Array, omega: Array, alpha: Array, a: Array, out: Arr
 
 
 @part
+def wrench_of_link(j: int, own: Array, parameters: Array, R: Array, o: Array, out: Array) -> None:
+    """Writes the inertial wrench of link j, about the trunk's origin."""
+    for c in range(6):
+        out[j, c] = 0.0
+        for k in range(10):
+            out[j, c] += own[j, c, k] * parameters[j, k]
+    force = rotated(R, j, (out[j, 0], out[j, 1], out[j, 2]))
+    moment = plus(rotated(R, j, (out[j, 3], out[j, 4], out[j, 5])), cross(of(o, j), force))
+    out[j, 0], out[j, 1], out[j, 2] = force
+    out[j, 3], out[j, 4], out[j, 5] = moment
+
+
+@part
+def carried(parents: Ints, r: Array, wrench: Array, at: int, torque: Array) -> None:
+    """Writes the joints' torques at sample `at`, and adds to each link's wrench those of all links beyond it."""
+    n = len(parents)
+    for j in range(n - 1, -1, -1):
+        torque[at, j] = 0.0
+        for c in range(6):
+            torque[at, j] += r[j, c] * wrench[j, c]
+            if parents[j] < n:
+                wrench[parents[j], c] += wrench[j, c]
+
+
+@part
 def in_link(row: Vector, moment: Vector, j: int, R: Array, o: Array) -> tuple[Vector, Vector]:
     """A row (force, moment) that acts on wrenches about the trunk's origin, as one that acts on those of link j in its
     own axes: row [R 0 ; [o]x R, R].
@@ -359,8 +391,7 @@ def evaluate(
         for d in range(6):
             T[n, c, d] = -1.0 if c == d else 0.0
     for at in range(len(joints)):
-        for c in range(3):
-            omega[n, c], alpha[n, c], a[n, c] = trunk[at, 0, c], trunk[at, 1, c], trunk[at, 2, c]
+        set_motion(n, trunk, at, omega, alpha, a)
         for c in range(6):
             for leg in range(count + 1):
                 inertial[at, leg, c] = 0.0
@@ -371,23 +402,10 @@ def evaluate(
             next_link(parents[j], j, slides[j], rotations, arms, axes, state, R, o, s, omega, alpha, a)
             own_columns(j, R, omega, alpha, a, own)
             across(o, s, j, slides[j], r)
-            for c in range(6):
-                wrench[j, c] = 0.0
-                for k in range(10):
-                    wrench[j, c] += own[j, c, k] * parameters[j, k]
-            force = rotated(R, j, (wrench[j, 0], wrench[j, 1], wrench[j, 2]))
-            moment = rotated(R, j, (wrench[j, 3], wrench[j, 4], wrench[j, 5]))
-            moment = plus(moment, cross(of(o, j), force))
-            wrench[j, 0], wrench[j, 1], wrench[j, 2] = force
-            wrench[j, 3], wrench[j, 4], wrench[j, 5] = moment
+            wrench_of_link(j, own, parameters, R, o, wrench)
             for c in range(6):
                 inertial[at, leg_of[j], c] += wrench[j, c]
-        for j in range(n - 1, -1, -1):  # inwards: what the joints carry
-            torque[at, j] = 0.0
-            for c in range(6):
-                torque[at, j] += r[j, c] * wrench[j, c]
-                if parents[j] < n:
-                    wrench[parents[j], c] += wrench[j, c]
+        carried(parents, r, wrench, at, torque)
         for leg in range(count):
             last = legs[leg, lengths[leg] - 1]
             foot = plus(of(o, last), rotated(R, last, of(points, leg)))
@@ -448,8 +466,7 @@ def torque_columns(
             r[n + c, d] = 1.0 if c == d else 0.0
     for at in range(len(joints)):
         if at < len(trunk):
-            for c in range(3):
-                omega[n, c], alpha[n, c], a[n, c] = trunk[at, 0, c], trunk[at, 1, c], trunk[at, 2, c]
+            set_motion(n, trunk, at, omega, alpha, a)
             own_columns(n, R, omega, alpha, a, own)
         for j in range(n):
             state = joints[at, j, 0], joints[at, j, 1], joints[at, j, 2]

@@ -17,7 +17,7 @@ from stadera.cli import parse
 if TYPE_CHECKING:
     from stadera.fleet.pool import Pool
     from stadera.limits import Limits
-    from stadera.logs.topics import LogFile, Reading, Topics
+    from stadera.logs.topics import LogFile, ReadOptions, Topics
     from stadera.robot import Robot
     from stadera.trunk.memory import Memory
     from stadera.weigh.settings import Watch
@@ -181,11 +181,11 @@ class LogOptions:
         return Topics(self.joint_topic, self.imu_topic)
 
     @cached_property
-    def reading(self) -> Reading:
-        """The other options, parsed; raises as `Reading.of`."""
-        from stadera.logs.topics import Reading
+    def reading(self) -> ReadOptions:
+        """The other options, parsed; raises as `ReadOptions.of`."""
+        from stadera.logs.topics import ReadOptions
 
-        return Reading.of(self.columns, self.units, self.pd, limits_of(self.limit), self.gear)
+        return ReadOptions.of(self.columns, self.units, self.pd, limits_of(self.limit), self.gear)
 
     def log(self, path: Path) -> LogFile:
         """The log at a path, to be read with these instructions."""

@@ -22,7 +22,7 @@ from typing import Any
 from stadera.boundary import foreign, require_input
 from stadera.errors import MissingExtraError, RecordingError, StaderaError, UnknownNameError
 from stadera.limits import Limits
-from stadera.logs.topics import AS_RECORDED, LogFile, Reading, Topics
+from stadera.logs.topics import AS_RECORDED, LogFile, ReadOptions, Topics
 from stadera.robot import load_robot
 from stadera.robot.model import Robot
 from stadera.weigh.settings import check_choice, tare_of
@@ -149,7 +149,7 @@ class FleetOptions:
     stiffness: tuple[float, float, float] | None = None
     imu_frame: str | None = None
     topics: Topics = field(default_factory=Topics)
-    reading: Reading = AS_RECORDED
+    reading: ReadOptions = AS_RECORDED
     force: bool = False
     fix: bool = False
     pages: str | None = None  # folder for a page of each log, see `stadera.fleet.run.page_path`; None for no pages

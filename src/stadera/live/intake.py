@@ -23,7 +23,7 @@ from stadera.logs.bags.unitree import LOW_STATES
 from stadera.logs.batches import recordings
 from stadera.logs.columns import TIME, Layout, layout
 from stadera.logs.recording import Recording
-from stadera.logs.topics import AS_RECORDED, Reading, Topics
+from stadera.logs.topics import AS_RECORDED, ReadOptions, Topics
 from stadera.robot.model import Robot
 from stadera.types import Array
 
@@ -45,7 +45,7 @@ class Intake:
         robot: Robot,
         topics: Topics | None = None,
         settings: LiveSettings | None = None,
-        reading: Reading = AS_RECORDED,
+        reading: ReadOptions = AS_RECORDED,
     ) -> None:
         others = () if robot.extra is None else robot.extra.joints
         self._reading = replace(stamped(reading), others=others)

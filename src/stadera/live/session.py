@@ -14,7 +14,7 @@ from stadera.live.state import LiveSettings, LiveState
 from stadera.live.topics import Arrival
 from stadera.logs.mend import Change, changed
 from stadera.logs.recording import Recording, concatenate
-from stadera.logs.topics import AS_RECORDED, Reading, Topics
+from stadera.logs.topics import AS_RECORDED, ReadOptions, Topics
 from stadera.robot.imu import ImuMount
 from stadera.robot.model import Robot
 from stadera.trunk.estimator import TrunkEstimator
@@ -119,7 +119,7 @@ class LiveSession:
         imu_frame: str | None = None,
         settings: LiveSettings | None = None,
         watch: Watch | None = None,
-        reading: Reading = AS_RECORDED,
+        reading: ReadOptions = AS_RECORDED,
         fix: bool = False,
         weight: tuple[float, float] | None = None,
         tare_after: float | None = None,

@@ -8,7 +8,7 @@ from difflib import get_close_matches
 from stadera.errors import RecordingError, UnknownNameError, listed
 from stadera.joint_words import LEG_NAMES, PARTS, matched, places
 from stadera.logs.foreign.translate import Translation, hint, translated
-from stadera.logs.topics import AS_RECORDED, DESIRED, PdGains, Reading, Topics
+from stadera.logs.topics import AS_RECORDED, DESIRED, PdGains, ReadOptions, Topics
 
 TIME = "time"
 CHANNELS: tuple[str, ...] = ("position", "velocity", "acceleration", "effort")
@@ -67,7 +67,7 @@ def layout(
     source: str,
     joints: Sequence[str] | None = None,
     require: Collection[str] = (),
-    reading: Reading = AS_RECORDED,
+    reading: ReadOptions = AS_RECORDED,
     topics: Topics | None = None,
     kind: str = "table",
 ) -> Layout:

@@ -19,7 +19,7 @@ from stadera.files import written_together
 from stadera.logs.batches import MOST_ROWS, table_recordings
 from stadera.logs.columns import IMU_FRAME, TIME, layout
 from stadera.logs.recording import Recording
-from stadera.logs.topics import AS_RECORDED, Reading, Topics
+from stadera.logs.topics import AS_RECORDED, ReadOptions, Topics
 from stadera.types import Array
 
 if TYPE_CHECKING:
@@ -32,7 +32,7 @@ def from_dataframe(
     require: Collection[str],
     imu_frame: str | None,
     source: str,
-    reading: Reading = AS_RECORDED,
+    reading: ReadOptions = AS_RECORDED,
 ) -> Recording:
     """See `Recording.from_dataframe`."""
     names = _names(df, source)

@@ -187,16 +187,16 @@ class Recording:
             require: what each of these joints needs: velocity, acceleration, effort; and "imu".
             imu_frame: frame of the IMU's values; None for the one in a pyarrow table's metadata.
             source: a name for messages.
-            columns, units, pd: see `stadera.logs.topics.Reading.of`.
+            columns, units, pd: see `stadera.logs.topics.ReadOptions.of`.
 
         Raises:
             RecordingError: a column is missing, misspelled or not numeric, or time does not increase.
             UnknownNameError: an unknown unit.
         """
         from stadera.logs.frames import from_dataframe
-        from stadera.logs.topics import Reading
+        from stadera.logs.topics import ReadOptions
 
-        return from_dataframe(df, joints, require, imu_frame, source, Reading.of(columns, units, pd))
+        return from_dataframe(df, joints, require, imu_frame, source, ReadOptions.of(columns, units, pd))
 
     def __len__(self) -> int:
         return len(self.time)

@@ -73,7 +73,7 @@ class PdGains:
 
 
 @dataclass(frozen=True)
-class Reading:
+class ReadOptions:
     """Interpretation of a log's columns."""
 
     columns: ColumnMap | None = None  # assignment of columns; None to recognise them by their names
@@ -92,7 +92,7 @@ class Reading:
         pd: str | PdGains | None = None,
         limits: Limits = DEFAULTS,
         gear: str | Gear | None = None,
-    ) -> Reading:
+    ) -> ReadOptions:
         """Parses the options' texts: a preset's name or a map's path, "deg,ms", "20,0.5", gear ratios "6.33".
         RecordingError for an invalid one, UnknownNameError for an unknown unit.
         """
@@ -113,7 +113,7 @@ class Reading:
         )
 
 
-AS_RECORDED = Reading()
+AS_RECORDED = ReadOptions()
 """Interprets columns by their names, in SI units unless the names state others."""
 
 
@@ -152,7 +152,7 @@ class LogFile(PathLike[str]):
 
     path: Path
     topics: Topics = field(default_factory=Topics)
-    reading: Reading = AS_RECORDED
+    reading: ReadOptions = AS_RECORDED
 
     def __post_init__(self) -> None:
         if str(self.path) in EXAMPLES and not self.path.exists():

@@ -129,15 +129,12 @@ def figure(series: FleetSeries, found: Sequence[Departure], pages: Mapping[str, 
         ("red", "dot", out),
     ):
         if chosen.any():
-            at, half = value[chosen], 2.0 * std[chosen]
-            which = np.flatnonzero(chosen).tolist() if named else []
-            look: dict[str, Any] = {"marker": marker, "size": 7.0, "y_range": (at - half, at + half)}
-            logs = [str(rows[k]["log"]) for k in which]
-            texts = [f"{with_std(value[k], std[k])} {series.unit}, {rows[k]['trust']}" for k in which]
-            names = [f"{when(rows[k])} {log.rpartition('/')[2]}".strip() for k, log in zip(which, logs, strict=True)]
-            look["hover"] = tuple(f"{name}: {text}" for name, text in zip(names, texts, strict=True))
-            look["links"] = tuple(pages.get(log, "") for log in logs)
-            marks.append(Series(x[chosen], at, "", colour, 0.0, **look))
+            half = 2.0 * std[chosen]
+            bars = value[chosen] - half, value[chosen] + half
+            look: dict[str, Any] = {"marker": marker, "size": 7.0, "y_range": bars}
+            if named:
+                look |= _texts(series, np.flatnonzero(chosen).tolist(), pages)
+            marks.append(Series(x[chosen], value[chosen], "", colour, 0.0, **look))
     edges = sorted({0, len(value), *(d.first for d in found), *(d.last + 1 for d in found)})
     for begin, end in pairwise(edges):
         mean = float(np.average(value[begin:end], weights=std[begin:end] ** -2))
@@ -147,6 +144,17 @@ def figure(series: FleetSeries, found: Sequence[Departure], pages: Mapping[str, 
     y = Axis(f"{series.title} [{series.unit}]", limits=(low, high) if high > low else None)
     title = f"{y.title} of {series.robot} over {counted(len(value), 'log')}"
     return Figure(title, ((Panel(axis, y, tuple(marks)),),), row_height=260.0, width=540.0)
+
+
+def _texts(series: FleetSeries, which: Sequence[int], pages: Mapping[str, str]) -> dict[str, Any]:
+    """What a pointer over the points of these logs shows, and the pages that they open."""
+    hover, links = [], []
+    for k in which:
+        row, log = series.rows[k], str(series.rows[k]["log"])
+        name = f"{when(row)} {log.rpartition('/')[2]}".strip()
+        hover.append(f"{name}: {with_std(series.value[k], series.std[k])} {series.unit}, {row['trust']}")
+        links.append(pages.get(log, ""))
+    return {"hover": tuple(hover), "links": tuple(links)}
 
 
 def fleet_html(

@@ -30,7 +30,7 @@ _PRIMITIVES = {
 
 def read_mjcf(path: Path) -> ModelFile:
     """Reads an MJCF. Raises ModelError: MuJoCo cannot compile it, or it has no body with joints."""
-    builder = _Builder(path, compile_mjcf(path))
+    builder = _CompiledModel(path, compile_mjcf(path))
     links = tuple(builder.links())
     name = builder.mj.names.split(b"\0", 1)[0].decode() or path.stem
     return ModelFile(
@@ -118,7 +118,7 @@ def _drop_meshes(spec: Any) -> None:
         spec.delete(asset)
 
 
-class _Builder:
+class _CompiledModel:
     """Takes links, sites and shapes from a compiled model; a link's frame has its body's axes and its origin at the
     joint's anchor. Of several joints of a body all but the last have links of their own, without mass.
     """

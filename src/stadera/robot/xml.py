@@ -83,7 +83,7 @@ def _written(element: ET.Element, kept: Mapping[ET.Element, str]) -> Iterator[st
     yield f"</{element.tag}>"
 
 
-class _Builder(ET.TreeBuilder):
+class _TreeBuilder(ET.TreeBuilder):
     """Builds a tree from a file, and counts elements."""
 
     def __init__(self, path: Path, limits: Limits) -> None:
@@ -126,7 +126,7 @@ def read_xml(path: Path, limits: Limits = DEFAULTS) -> Document:
         LimitError: more elements, or deeper nesting, than the limits allow. ModelError: a DOCTYPE, or as `expanded`.
         MissingExtraError: as `expanded`. expat.ExpatError, LookupError: not XML, or of an unknown encoding.
     """
-    builder, xacro = _Builder(path, limits), is_xacro(path)
+    builder, xacro = _TreeBuilder(path, limits), is_xacro(path)
     for piece in [expanded(path)] if xacro else _pieces(path):
         builder.parser.Parse(piece)
     builder.parser.Parse(b"", True)

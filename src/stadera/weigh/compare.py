@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False)
-class Compared:
+class MethodResult:
     """One method on one log: its weighing, or why there is none."""
 
     log: str
@@ -42,7 +42,7 @@ class Comparison(Result):
     """Result of `compare`: one entry for each log and method, by log."""
 
     robot: Robot
-    entries: tuple[Compared, ...]
+    entries: tuple[MethodResult, ...]
 
     def to_dict(self) -> dict[str, Any]:
         """Robot and entries: log, method, refusal (null if weighed), and the weighing as `weigh --json` has it."""
@@ -116,13 +116,13 @@ def compare(
             name = source.name
             try:
                 found = weigh(model, log, tare, method, imu_frame=imu_frame, weight=on_scale, progress=progress)
-                entries.append(Compared(name, method, found))
+                entries.append(MethodResult(name, method, found))
             except StaderaError as error:
-                entries.append(Compared(name, method, None, str(error).removeprefix(f"{source.source}: ")))
+                entries.append(MethodResult(name, method, None, str(error).removeprefix(f"{source.source}: ")))
     return Comparison(model, tuple(entries))
 
 
-def _row(each: Compared) -> dict[str, Any]:
+def _row(each: MethodResult) -> dict[str, Any]:
     found, nan = each.weighing, float("nan")
     row: dict[str, Any] = {"log": each.log, "method": each.method, "refusal": each.refusal}
     row["verdict"] = "" if found is None else found.trust.verdict

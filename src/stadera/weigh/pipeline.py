@@ -24,7 +24,7 @@ from stadera.trunk.estimator import TrunkEstimator
 from stadera.trunk.load import SIGNIFICANT, LoadChange, Payload, since_tare
 from stadera.trunk.measurement import Measurement, measurements_of, rotation_matrix
 from stadera.trunk.memory import Memory, days_of
-from stadera.trunk.protocol import Status, Weigher
+from stadera.trunk.protocol import Status, TrunkEstimate, Weigher
 from stadera.trunk.registry import Setup, method_of
 from stadera.trunk.samples import Samples
 from stadera.trunk.standing.estimator import Stance, Vertical, level_axes
@@ -163,20 +163,14 @@ class _LogPass:
             if self._estimator is None:
                 progress("preparing; the first run on a machine compiles for some seconds", 0, 0)
                 self._estimator = self._made(chunk)
-            time, robot, frame = chunk.time, request.robot, self.log.imu_frame
+            time = chunk.time
             self._check_rate(time)
             if chunk.imu is None and self.log is request.tare:
                 self.log.notes["no IMU in the tare's log: its vertical is the direction of the feet's forces"] = None
             if self._shift:
                 chunk = replace(chunk, time=time + self._shift)
-            samples: Samples | list[Measurement]
-            if not self._method.at_rest and isinstance(self._estimator, TrunkEstimator):
-                samples = kept = Samples.of_recording(chunk, robot, frame)
-            else:
-                found = measurements_of(chunk, robot, frame) if chunk.imu else measurements_without_imu(chunk, robot)
-                samples = list(found)
-                kept = Samples.of(samples)
-            self._footprint.add(kept)
+            samples = self._samples_of(chunk)
+            self._footprint.add(samples if isinstance(samples, Samples) else Samples.of(samples))
             entries = set((np.flatnonzero(np.diff(np.floor(time / settings.entry)) > 0) + 1).tolist())
             begin, end = 0, len(time)
             if self._range is not None:
@@ -202,6 +196,13 @@ class _LogPass:
             done += len(time)
             progress(f"weighing {self.log.source.name}", done, 0)
 
+    def _samples_of(self, chunk: Recording) -> Samples | list[Measurement]:
+        """Samples for the walking estimator, measurements for others."""
+        robot, frame = self._request.robot, self.log.imu_frame
+        if not self._method.at_rest and isinstance(self._estimator, TrunkEstimator):
+            return Samples.of_recording(chunk, robot, frame)
+        return list(measurements_of(chunk, robot, frame) if chunk.imu else measurements_without_imu(chunk, robot))
+
     def tare(self, where: str) -> None:
         """Makes the present estimate of the trunk the reference for the payload."""
         if not self.estimator.trunk.observed[0]:
@@ -218,23 +219,11 @@ class _LogPass:
         """The result from everything processed so far."""
         estimator, log, refused = self.estimator, self.log, self._refused
         estimate = estimator.estimate()
-        if np.isnan(estimate.time):
-            what, reason = "nothing could be learnt", estimate.reason or "too few samples"
-            if self._method.at_rest and refused:
-                what = "the robot never stands still, nothing to weigh by"
-                reason = max(refused, key=lambda r: r.end - r.begin).reason
-                if log.first.imu is None:
-                    reason += "; the log has no IMU, without which only rest can be weighed by"
-            raise IdentificationError(f"{log.source.source}: {what}: {reason}")
+        self._require_learnt(estimate)
         self._enter()
         if (known := self._request.known) is not None and isinstance(estimator, TrunkEstimator):
             estimator.know_payload(known.mass, known.com, known.mass_std, known.com_std)
         memory, said = self._remembered()
-        if self._method.at_rest and estimate.time < self._tared_at + self._request.settings.entry:
-            raise IdentificationError(
-                f"{log.source.source}: the robot does not stand still after the tare's time, "
-                f"{self._tared_at - log.begin:.3g} s"
-            )
         payload = estimator.payload
         logs = [log] if self._before is None else [self._before.log, log]
         learnt = estimate.time - self._shift
@@ -274,6 +263,23 @@ class _LogPass:
         )
 
     # -- inside -----------------------------------------------------------------------------------------------
+    def _require_learnt(self, estimate: TrunkEstimate) -> None:
+        """Raises IdentificationError: nothing was learnt, or nothing after the tare."""
+        log, refused = self.log, self._refused
+        if np.isnan(estimate.time):
+            what, reason = "nothing could be learnt", estimate.reason or "too few samples"
+            if self._method.at_rest and refused:
+                what = "the robot never stands still, nothing to weigh by"
+                reason = max(refused, key=lambda r: r.end - r.begin).reason
+                if log.first.imu is None:
+                    reason += "; the log has no IMU, without which only rest can be weighed by"
+            raise IdentificationError(f"{log.source.source}: {what}: {reason}")
+        if self._method.at_rest and estimate.time < self._tared_at + self._request.settings.entry:
+            raise IdentificationError(
+                f"{log.source.source}: the robot does not stand still after the tare's time, "
+                f"{self._tared_at - log.begin:.3g} s"
+            )
+
     def _uncovered(self) -> Iterator[str]:
         """Says what a scale said, and, of a log without a tare, until when a load is not told from the trunk."""
         if self._request.weight is not None:

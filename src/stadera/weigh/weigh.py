@@ -82,30 +82,29 @@ def weigh(
         UntrustedError: units or signs of the log are wrong, or it contradicts the model or itself, without `force`.
     """
     check_choice(method, stiffness)
-    tare = _range(tare)
-    model, chosen = load_robot(robot), settings or WeighSettings()
+    tare, chosen = _range(tare), settings or WeighSettings()
     logs = [log] if tare is None or isinstance(tare, tuple) else [log, tare]
-    model, read, said = with_extra_joints(model, *map(as_log, logs))
+    model, read, said = with_extra_joints(load_robot(robot), *map(as_log, logs))
     if fix:
         guard = Guard(model, model.tree.joints, imu_frame=imu_frame)
         read = tuple(guard.mended(each) for each in read)
     source, *others = (CheckedLog(model, each, chosen, imu_frame, force) for each in read)
     span, shifted = _in_time_of(source, tare) if isinstance(tare, tuple) else (None, ())
-    unloaded = others[0] if others else span
-    if at is not None and place_of(model, at).body >= len(model.tree.joints) and source.first.others is None:
-        raise RecordingError(f"{source.source.source}: --at {at}: the log lacks the joints that carry it")
-    name = method or _choose_method(source, others, chosen)
     on_scale = weight if isinstance(weight, tuple) or weight is None else (weight, weight_std(weight))
-    if on_scale is not None:
-        positive("a robot's weight on a scale", on_scale[0], "kg", IdentificationError)
-    _check_method(name, source, others, watch is not None, on_scale is not None, known or memory, at)
-    if (untold := [leg.name for leg in model.legs if any(leg.unfelt)]) and method_of(name).at_rest:
-        raise IdentificationError(
-            f"{source.source.source}: {name!r} weighs on feet whose contact their joints tell; those of "
-            f"{', '.join(untold)} are too few for a component of it, whose bound {IN_MOTION!r} knows, also at rest, in "
-            "a log with an IMU"
-        )
-    request = Request(model, name, chosen, unloaded, stiffness, progress, watch, on_scale, known, memory, at)
+    request = Request(
+        model,
+        method or _choose_method(source, others, chosen),
+        chosen,
+        others[0] if others else span,
+        stiffness,
+        progress,
+        watch,
+        on_scale,
+        known,
+        memory,
+        at,
+    )
+    _check_request(request, source, others)
     result = weighed(request, source)
     if result.trust.verdict == "bad" and not force:
         raise UntrustedError(f"{result.source}: not to be trusted: {'; '.join(result.trust.reasons)}")
@@ -135,26 +134,24 @@ def _choose_method(log: CheckedLog, others: list[CheckedLog], settings: WeighSet
     return AT_REST if slow or any(other.first.imu is None for other in others) else IN_MOTION
 
 
-def _check_method(
-    name: str,
-    log: CheckedLog,
-    others: list[CheckedLog],
-    watch: bool,
-    weight: bool,
-    more: object,
-    at: str | None,
-) -> None:
-    """Checks that a method suits logs and options. Raises RecordingError or IdentificationError."""
-    method, source = method_of(name), log.source
-    both = (IN_MOTION, AT_REST)
+def _check_request(request: Request, log: CheckedLog, others: list[CheckedLog]) -> None:
+    """Checks that robot, method and options of a request suit each other and the logs. Raises RecordingError or
+    IdentificationError.
+    """
+    robot, name, at, source = request.robot, request.method, request.at, log.source
+    if at is not None and place_of(robot, at).body >= len(robot.tree.joints) and log.first.others is None:
+        raise RecordingError(f"{source.source}: --at {at}: the log lacks the joints that carry it")
+    if request.weight is not None:
+        positive("a robot's weight on a scale", request.weight[0], "kg", IdentificationError)
+    method, both = method_of(name), (IN_MOTION, AT_REST)
     limited = (
-        (watch, "only weighing in motion can be watched", both[:1]),
-        (weight, "a weight is used", both),
-        (more is not None, "a test weight and a memory are used", both),
-        (at is not None, "a payload elsewhere than on the trunk is weighed in motion only", both[:1]),
+        (request.watch, "only weighing in motion can be watched", both[:1]),
+        (request.weight, "a weight is used", both),
+        (request.known or request.memory, "a test weight and a memory are used", both),
+        (at, "a payload elsewhere than on the trunk is weighed in motion only", both[:1]),
     )
     for asked, what, by in limited:
-        if asked and name not in by:
+        if asked is not None and name not in by:
             only = " or ".join(map(repr, by))
             raise IdentificationError(f"{source.source}: {what}, by {only}; this log is weighed by {name!r}")
     if method.needs_imu:
@@ -164,6 +161,11 @@ def _check_method(
     for option, named in (("--imu-topic", topics), ("--imu-frame", log.imu_frame)):
         if named is not None and log.first.imu is None:
             raise RecordingError(f"{source.source}: {option} {named}: the log has no IMU that can be used")
+    if (unfelt := [leg.name for leg in robot.legs if any(leg.unfelt)]) and method.at_rest:
+        raise IdentificationError(
+            f"{source.source}: {name!r} weighs on feet whose contact their joints tell; those of {', '.join(unfelt)} "
+            f"are too few for a component of it, whose bound {IN_MOTION!r} knows, also at rest, in a log with an IMU"
+        )
 
 
 def _range(tare: object) -> tuple[float, float] | Log | None:

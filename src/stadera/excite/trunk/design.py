@@ -22,7 +22,7 @@ import numpy as np
 from stadera.errors import IdentificationError, require_positive
 from stadera.excite.bounds import Margins
 from stadera.excite.sinusoids import Sinusoids
-from stadera.excite.trunk.planted import AXES, Bars, Drawn, Planted, expected_bars
+from stadera.excite.trunk.planted import AXES, Drawn, PayloadBars, Planted, expected_bars
 from stadera.excite.trunk.result import Routine
 from stadera.inertia import InertialParameters
 from stadera.robot.load import load_robot
@@ -127,11 +127,11 @@ def weighing_routine(
         raise IdentificationError(f"no motion of {robot.name}'s trunk determines a payload of {settings.load:.0%}")
     planted = Planted.of(robot, chosen, settings.rate)
     torque = np.max([np.abs(planted.torques(t)[0]).max(axis=0) for t in search.trunks], axis=0)
-    return Routine(robot, settings, chosen, planted, torque, Bars.median(known), settings.load * robot.mass)
+    return Routine(robot, settings, chosen, planted, torque, PayloadBars.median(known), settings.load * robot.mass)
 
 
 @lru_cache(maxsize=64)
-def undesigned_bars(robot: Robot, load: float) -> Bars | None:
+def undesigned_bars(robot: Robot, load: float) -> PayloadBars | None:
     """Error bars of a payload, `load` as a share of the robot's mass, to expect from five seconds of any sway
     within its bounds; a designed one is better. None if no sway of a few that were drawn determines it.
 
@@ -147,7 +147,7 @@ def undesigned_bars(robot: Robot, load: float) -> Bars | None:
 
 
 @lru_cache(maxsize=64)
-def bars_of_steps(robot: Robot, load: float, steps: int = 10) -> Bars | None:
+def bars_of_steps(robot: Robot, load: float, steps: int = 10) -> PayloadBars | None:
     """The same of slow steps, without and with the load; None if they do not determine it.
 
     Raises:
@@ -166,7 +166,7 @@ def bars_of_steps(robot: Robot, load: float, steps: int = 10) -> Bars | None:
         except IdentificationError:
             return None
     known = [bars for bars in found if bars is not None]
-    return Bars.median(known) if known else None
+    return PayloadBars.median(known) if known else None
 
 
 class _Search:
@@ -245,7 +245,7 @@ class _Search:
                 return False
         return True
 
-    def bars(self, path: Sinusoids, drawn: Drawn) -> Bars | None:
+    def bars(self, path: Sinusoids, drawn: Drawn) -> PayloadBars | None:
         """The payload's expected error bars, None if it is not determined."""
         try:
             planted = Planted.of(drawn.true, path, self.settings.look_rate)

@@ -161,7 +161,7 @@ class Planted:
         alpha = make_interp_spline(time, omega, degree)(time, 1)
         force = np.einsum("nji,nj->ni", turn, curve[:, 3:] + [0.0, 0.0, GRAVITY])
         coarse = np.unique(np.append(np.arange(0, len(time), every), len(time) - 1))
-        joints = _joints(robot, turn[coarse], pose[coarse, 3:], moved[coarse])
+        joints = planted_joints(robot, turn[coarse], pose[coarse, 3:], moved[coarse])
         angles = make_interp_spline(time[coarse], joints, min(5, len(coarse) - 1))
         q, rate_of_q, more = (np.asarray(angles(time, order)) for order in range(3))
         return cls(robot, time, pose, Motion(q, rate_of_q, more, omega, alpha, force, turn[:, 2]), carries)
@@ -213,9 +213,10 @@ def _smooth(u: Array) -> tuple[Array, Array, Array]:
     return u**3 * (10.0 - 15.0 * u + 6.0 * u**2), slope, 60.0 * u * (1.0 - u) * (1.0 - 2.0 * u)
 
 
-def _joints(robot: Robot, turn: Array, shift: Array, moved: Array, solved: float = 1e-7) -> Array:
+def planted_joints(robot: Robot, turn: Array, shift: Array, moved: Array, solved: float = 1e-7) -> Array:
     """Joint angles (N, n) that keep the feet where they are in the stance, or apart from it by (N, L, 3) [m], for
     poses (N, 3, 3) and (N, 3) [m]; `solved` is the largest error of a foot that is where it should [m, 1].
+    IdentificationError: a foot cannot be there.
     """
     out, settings = np.tile(standing_configuration(robot), (len(turn), 1)), StanceSettings()
     for k, leg in enumerate(robot.legs):
@@ -229,7 +230,7 @@ def _joints(robot: Robot, turn: Array, shift: Array, moved: Array, solved: float
 
 
 @dataclass(frozen=True)
-class Bars:
+class PayloadBars:
     """Standard deviations of a payload.
 
     Attributes:
@@ -246,7 +247,7 @@ class Bars:
         return float(np.log([self.mass, *np.nan_to_num(self.com, nan=unobserved)]).sum())
 
     @classmethod
-    def median(cls, bars: Sequence[Bars]) -> Bars:
+    def median(cls, bars: Sequence[PayloadBars]) -> PayloadBars:
         """The median of each."""
         mass, scale, *com = np.median([[b.mass, b.scale, *b.com] for b in bars], axis=0).tolist()
         return cls(mass, scale, (com[0], com[1], com[2]))
@@ -335,7 +336,7 @@ class Drawn:
 _TERMS = ("armature", "viscous", "coulomb", "offset")
 
 
-def expected_bars(robot: Robot, planted: Planted, payload: InertialParameters, drawn: Drawn) -> Bars | None:
+def expected_bars(robot: Robot, planted: Planted, payload: InertialParameters, drawn: Drawn) -> PayloadBars | None:
     """The payload's error bars from a motion of `drawn.true` without and with it; None if the estimator has none."""
     bare, loaded = drawn.measured(planted), drawn.measured(planted, payload)
     again = replace(loaded, time=loaded.time + bare.time[-1] + 0.5)  # s between the two motions
@@ -347,4 +348,4 @@ def expected_bars(robot: Robot, planted: Planted, payload: InertialParameters, d
     if found is None or found.mass_std_without_scale is None:
         return None
     x, y, z = found.com_std.tolist()
-    return Bars(found.mass_std_without_scale, found.scale or 0.0, (x, y, z))
+    return PayloadBars(found.mass_std_without_scale, found.scale or 0.0, (x, y, z))

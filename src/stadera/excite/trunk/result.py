@@ -18,7 +18,7 @@ import numpy as np
 
 from stadera.errors import IdentificationError, UnknownNameError
 from stadera.excite.sinusoids import Sinusoids
-from stadera.excite.trunk.planted import AXES, Bars, Planted
+from stadera.excite.trunk.planted import AXES, PayloadBars, Planted
 from stadera.files import written_together
 from stadera.results import Result, data_frame, finite_or_none
 from stadera.robot.model import Robot
@@ -48,7 +48,7 @@ class Routine(Result):
     path: Sinusoids
     planted: Planted
     torque: Array
-    expected: Bars
+    expected: PayloadBars
     load: float
 
     @property

@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike, NDArray
 from stadera.body.friction import direction
 from stadera.inertia import skew
 from stadera.lab.pinocchio import pinocchio_model
-from stadera.robot.kinematics import forward_kinematics
+from stadera.robot.kinematics import checked_angles, leg_kinematics
 from stadera.robot.model import Robot
 from stadera.trunk.measurement import Measurement
 from stadera.types import Array
@@ -156,13 +156,12 @@ def foot_jacobians(robot: Robot, q: ArrayLike) -> Array:
     [m/rad], (N, 4, 3, 3): `foot velocity = J @ joint velocity` for a trunk that stands still. ModelError for another
     shape of q.
     """
-    rotations, translations = forward_kinematics(robot.tree, q)
-    columns = joint_columns(robot)
-    turn, origin = rotations[:, columns + 1], translations[:, columns + 1]
-    axes = (turn @ robot.tree.axes[columns][..., None])[..., 0]
-    foot = np.array([leg.foot_position for leg in robot.legs])
-    feet = origin[:, :, 2] + (turn[:, :, 2] @ foot[..., None])[..., 0]
-    return np.asarray(np.cross(axes, feet[:, :, None] - origin).swapaxes(2, 3))
+    angles = checked_angles(robot.tree, q)
+    slopes = [
+        leg_kinematics(robot.leg_tree(leg.name), leg, angles[:, own])[2][..., :3]
+        for leg, own in zip(robot.legs, joint_columns(robot), strict=True)
+    ]
+    return np.stack(slopes, axis=1).swapaxes(2, 3)
 
 
 def joint_columns(robot: Robot) -> NDArray[np.int_]:

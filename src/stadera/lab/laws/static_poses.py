@@ -14,15 +14,14 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from stadera.body import Motion
 from stadera.constants import GRAVITY
-from stadera.errors import ModelError
-from stadera.inertia import skew
-from stadera.lab.control.legs import LegDynamics, foot_jacobians
+from stadera.errors import IdentificationError, ModelError
+from stadera.excite.trunk.planted import Planted, planted_joints
 from stadera.lab.laws.equilibrium import ConstantErrors
 from stadera.lab.laws.poses import PoseMean, centre_of, plausible, with_errors, with_poses
-from stadera.robot.kinematics import foot_positions
 from stadera.robot.model import Robot
-from stadera.robot.stance import nominal_feet, standing_configuration
+from stadera.robot.stance import nominal_feet
 from stadera.trunk.measurement import Measurement
 from stadera.trunk.model import TrunkBounds, TrunkModel
 from stadera.trunk.standing.forces import ContactForceEstimator
@@ -37,9 +36,6 @@ class Reach:
     torque: float = 0.8  # largest torque of any joint, as a share of its effort limit
     least_size: float = 0.25  # share of its requested size below which a pose is given up
     shrunk: float = 0.8  # factor by which a pose out of reach is reduced in each attempt
-    solved: float = 1e-7  # distance of the feet from their targets below which a pose is reached [m]
-    steps: int = 30  # of Newton's method
-    largest_step: float = 0.2  # of each joint in one step [rad]
 
 
 _REACH = Reach()
@@ -81,8 +77,7 @@ def static_poses(
     wanted.append(PoseOffset(turn=tilt * z))
     if not 1 <= count <= len(wanted):
         raise ModelError(f"there are 1 to {len(wanted)} static poses to choose from, got {count}")
-    legs = LegDynamics(robot)
-    return tuple(_within_reach(legs, pose) for pose in wanted[:count])
+    return tuple(_within_reach(robot, pose) for pose in wanted[:count])
 
 
 def expected_covariance(
@@ -106,9 +101,8 @@ def expected_covariance(
     """
     forces = ContactForceEstimator(robot)
     known = plausible(robot, TrunkModel.prior(robot), TrunkBounds.of(robot))
-    legs = LegDynamics(robot)
     for pose in poses:
-        measurement = standing_still(robot, pose, legs)
+        measurement = standing_still(robot, pose)
         if measurement is None:
             raise ModelError(f"robot {robot.name}: pose {pose.shift} m, {pose.turn} rad is out of reach")
         mean = PoseMean(measurement)
@@ -117,59 +111,34 @@ def expected_covariance(
     return centre_of(with_errors(known, errors, seek=seek_errors))[1]
 
 
-def standing_still(robot: Robot, pose: PoseOffset, legs: LegDynamics | None = None) -> Measurement | None:
+def standing_still(robot: Robot, pose: PoseOffset) -> Measurement | None:
     """Measurement of ideal sensors when the robot holds a pose on level ground; None if it cannot.
 
     The contact forces are the smallest ones that hold it, which may need friction.
 
     Args:
         pose: relative to the nominal stance.
-        legs: None for a new one.
     """
-    source = legs or LegDynamics(robot)
-    q0 = standing_configuration(robot)
     rotation = Rotation.from_rotvec(pose.turn).as_matrix()
-    feet = (foot_positions(robot, q0[None])[0] - pose.shift) @ rotation
-    q = _reached(source, feet, q0)
-    if q is None:
+    try:
+        q = planted_joints(robot, rotation[None], pose.shift[None])
+    except IdentificationError:
         return None
-    up, n = rotation[2], len(q)
-    still = Measurement(0.0, q, np.zeros(n), np.zeros(n), np.zeros(3), GRAVITY * up, rotation)
-    state = source.measured(still)
-    contact = feet - np.array([[leg.foot_radius] for leg in robot.legs]) * up
-    grasp = np.vstack([np.hstack([np.eye(3)] * len(contact)), np.hstack([skew(p) for p in contact])])
-    trunk = TrunkModel.prior(robot)
-    pull = np.concatenate([robot.mass * up, np.cross(trunk.mass * trunk.com_trunk + state.moment, up)]) * GRAVITY
-    force = (np.linalg.pinv(grasp) @ pull).reshape(-1, 3)
-    torque = state.bias - np.einsum("lij,li->lj", state.jacobians(contact), force)
-    effort = np.array([robot.dynamics[joint].offset for joint in robot.tree.joints])
-    effort[source.columns] += torque
-    most = np.array([robot.limits[joint].effort for joint in robot.tree.joints])
-    loaded = bool((force @ up).min() > _REACH.least_load * robot.mass * GRAVITY)
-    if not loaded or bool((np.abs(effort) > _REACH.torque * most).any()):
+    up, still = rotation[2], np.zeros_like(q)
+    motion = Motion(q, still, still, np.zeros((1, 3)), np.zeros((1, 3)), GRAVITY * up[None], up[None])
+    torque, force = Planted(robot, np.zeros(1), np.zeros((1, 6)), motion).torques(robot.inertias[robot.trunk])
+    limits = [robot.limits[joint] for joint in robot.tree.joints]
+    low, high, most = np.array([(limit.lower, limit.upper, limit.effort) for limit in limits]).T
+    within = (q >= low) & (q <= high) & (np.abs(torque) <= _REACH.torque * most)
+    if not within.all() or (force @ up).min() <= _REACH.least_load * robot.mass * GRAVITY:
         return None
-    return Measurement(0.0, q, np.zeros(n), effort, np.zeros(3), GRAVITY * up, rotation)
+    return Measurement(0.0, q[0], still[0], torque[0], np.zeros(3), GRAVITY * up, rotation)
 
 
-def _within_reach(legs: LegDynamics, pose: PoseOffset) -> PoseOffset:
-    share, robot = 1.0, legs.robot
-    while standing_still(robot, pose.scaled(share), legs) is None:
+def _within_reach(robot: Robot, pose: PoseOffset) -> PoseOffset:
+    share = 1.0
+    while standing_still(robot, pose.scaled(share)) is None:
         share *= _REACH.shrunk
         if share < _REACH.least_size:
             raise ModelError(f"robot {robot.name}: no pose near {pose.shift} m, {pose.turn} rad is within reach")
     return pose.scaled(share)
-
-
-def _reached(legs: LegDynamics, feet: Array, start: Array) -> Array | None:
-    """Joint angles (n,) that bring the feet (4, 3) to these positions, within the limits; None if there are none."""
-    robot, columns = legs.robot, legs.columns
-    low = np.array([robot.limits[joint].lower for joint in robot.tree.joints])
-    high = np.array([robot.limits[joint].upper for joint in robot.tree.joints])
-    q = start.copy()
-    for _ in range(_REACH.steps):
-        miss = feet - foot_positions(robot, q[None])[0]
-        step = np.linalg.pinv(foot_jacobians(robot, q[None])[0]) @ miss[:, :, None]
-        q[columns] += np.clip(step[:, :, 0], -_REACH.largest_step, _REACH.largest_step)
-    miss = feet - foot_positions(robot, q[None])[0]
-    inside = ((q >= low) & (q <= high)).all()
-    return q if inside and float(np.abs(miss).max()) < _REACH.solved else None

@@ -26,7 +26,7 @@ from stadera.logs.bags.unitree import LowStates
 from stadera.logs.batches import recordings, within
 from stadera.logs.columns import TIME, layout
 from stadera.logs.recording import Recording
-from stadera.logs.topics import LogFile, Reading
+from stadera.logs.topics import LogFile, ReadOptions
 from stadera.logs.units import Units
 from stadera.types import Array, Bools
 
@@ -85,7 +85,7 @@ class BagLog:
         return _with_final_notes(recordings(batches, table, str(path), rows), notes_of_all)
 
 
-def stamped(reading: Reading) -> Reading:
+def stamped(reading: ReadOptions) -> ReadOptions:
     """The reading without a unit of time: stamps of messages are in seconds and nanoseconds."""
     units = {quantity: unit for quantity, unit in reading.units.of.items() if quantity != TIME}
     return replace(reading, units=Units(units))

@@ -8,7 +8,7 @@ from stadera.logs.columns import IMU_COLUMNS, TIME
 from stadera.logs.foreign.column_map import preset_names
 from stadera.logs.foreign.translate import Translation, guessed
 from stadera.logs.reader import reader_of
-from stadera.logs.topics import Reading
+from stadera.logs.topics import ReadOptions
 from stadera.logs.units import FACTORS
 
 _HEAD = """\
@@ -20,7 +20,7 @@ _HEAD = """\
 _UNITS = {"time": "s", "position": "rad", "velocity": "rad/s", "effort": "Nm", "gyro": "rad/s", "accelerometer": "m/s2"}
 
 
-def template(path: Path, reading: Reading) -> str:
+def template(path: Path, reading: ReadOptions) -> str:
     """Text of a map of columns for a log. Raises RecordingError: not a table, or the log cannot be read."""
     reader = reader_of(path)
     header = getattr(reader, "header", None)
@@ -39,7 +39,7 @@ def _head(path: Path, found: Translation) -> str:
     return _HEAD.format(log=path.name, presets=", ".join(preset_names()), recognised=recognised)
 
 
-def _units(reading: Reading) -> list[str]:
+def _units(reading: ReadOptions) -> list[str]:
     lines = ["[units]", "# rate_hz = 200  # of the rows, where there is no column of time"]
     for quantity, si in _UNITS.items():
         unit = reading.units.of.get(quantity)

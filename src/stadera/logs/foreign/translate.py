@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 from stadera.errors import RecordingError, listed
 from stadera.joint_words import places, words
 from stadera.logs.foreign.column_map import TEMPLATE_HINT, ColumnMap, Source, hits, preset, preset_names
-from stadera.logs.topics import Reading, Topics
+from stadera.logs.topics import ReadOptions, Topics
 from stadera.logs.units import FACTORS, Units, labelled, quantity_of
 
 _GENERAL = "names"
@@ -49,7 +49,7 @@ class _Found:
 
 
 def translated(
-    names: Sequence[str], source: str, reading: Reading, topics: Topics, joints: Collection[str] = ()
+    names: Sequence[str], source: str, reading: ReadOptions, topics: Topics, joints: Collection[str] = ()
 ) -> Translation:
     """Translates the columns of a log, by a map or by presets. `joints` are joints although their names do not look
     like it. Raises RecordingError: the map does not fit, or there are several topics and none was chosen.
@@ -200,7 +200,7 @@ _NUMBERED = tuple(f"joint_{k}" for k in range(32))
 """Names for joints in a preset that does not define their order."""
 
 
-def guessed(names: Sequence[str], reading: Reading) -> Translation:
+def guessed(names: Sequence[str], reading: ReadOptions) -> Translation:
     """Translates columns with the first preset that fits, including those that apply on request only.
 
     Joints of unknown order are called joint_0, joint_1 and so on.
@@ -214,7 +214,7 @@ def guessed(names: Sequence[str], reading: Reading) -> Translation:
     return Translation({"time": own} if (own := found.sources.get("time")) else {})
 
 
-def hint(names: Sequence[str], reading: Reading) -> str:
+def hint(names: Sequence[str], reading: ReadOptions) -> str:
     """Advice for unrecognised columns, as the end of an error message."""
     fitting = dict(_all_fitting(names, reading))
     chosen = [preset(name) for name in fitting if preset(name).chosen]
@@ -231,9 +231,9 @@ def hint(names: Sequence[str], reading: Reading) -> str:
     return f"; {', '.join([*ways, f'--columns MAP.toml{order} ({TEMPLATE_HINT})'])}"
 
 
-def _all_fitting(names: Sequence[str], reading: Reading) -> Iterator[tuple[str, Translation]]:
+def _all_fitting(names: Sequence[str], reading: ReadOptions) -> Iterator[tuple[str, Translation]]:
     """Yields the presets that fit if requested, and what they translate columns to."""
     for name in preset_names():
         asked = replace(preset(name).asked(), joints=preset(name).joints or _NUMBERED)
         with suppress(RecordingError):
-            yield name, translated(names, "", Reading(asked, reading.units), Topics())
+            yield name, translated(names, "", ReadOptions(asked, reading.units), Topics())

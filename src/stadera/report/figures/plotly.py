@@ -141,13 +141,17 @@ def _curve(series: Series, panel: Panel, shared: dict[str, int]) -> dict[str, An
         }
     if series.fill == "self":
         trace |= {"hoverinfo": "skip", "hovertemplate": None}
-    for name, ends, at in (("error_x", series.x_range, series.x), ("error_y", series.y_range, series.y)):
-        if ends is not None:
-            less, more = np.asarray(at) - ends[0], ends[1] - np.asarray(at)
-            look = {"color": colour, "thickness": 1.4, "width": 0}
-            other = {} if np.allclose(less, more) else {"symmetric": False, "arrayminus": _packed(less)}
-            trace[name] = look | {"array": _packed(more)} | other
+    if series.x_range is not None:
+        trace["error_x"] = _error_bars(series.x, series.x_range, colour)
+    if series.y_range is not None:
+        trace["error_y"] = _error_bars(series.y, series.y_range, colour)
     return trace
+
+
+def _error_bars(at: Array, ends: tuple[Array, Array], colour: str) -> dict[str, Any]:
+    less, more = np.asarray(at) - ends[0], ends[1] - np.asarray(at)
+    look = {"color": colour, "thickness": 1.4, "width": 0, "array": _packed(more)}
+    return look if np.allclose(less, more) else look | {"symmetric": False, "arrayminus": _packed(less)}
 
 
 def _bytes(values: Array) -> str:

@@ -24,7 +24,7 @@ _CIRCLE = np.column_stack([np.cos(_ANGLES), np.sin(_ANGLES)])
 
 
 @dataclass(frozen=True, eq=False)
-class Part:
+class RobotPart:
     """The hull of balls fixed to a link; of a limb and of a drive the first and the last are the ends of its axis.
 
     Attributes:
@@ -38,7 +38,7 @@ class Part:
     radii: Array
 
 
-def limbs(robot: Robot, leg: Leg) -> Iterator[Part]:
+def limbs(robot: Robot, leg: Leg) -> Iterator[RobotPart]:
     """For each link of a leg a limb to the next joint or foot, thinner outwards, and a drive about its joint's axis;
     then the foot.
     """
@@ -49,12 +49,12 @@ def limbs(robot: Robot, leg: Leg) -> Iterator[Part]:
     way /= way[-1] or 1.0
     for k, joint in enumerate(joints):
         thick = half * (0.14 - 0.09 * way[k : k + 2])
-        yield Part("limb", joint + 1, np.array([np.zeros(3), ends[k]]), thick)
+        yield RobotPart("limb", joint + 1, np.array([np.zeros(3), ends[k]]), thick)
         drum = half * (0.17 - 0.1 * way[k])
         along = 0.85 * drum * tree.axes[joint]
-        yield Part("drive", joint + 1, np.array([-along, along]), np.full(2, drum))
+        yield RobotPart("drive", joint + 1, np.array([-along, along]), np.full(2, drum))
     radius = max(leg.foot_radius, 0.06 * half)
-    yield Part("foot", joints[-1] + 1, soles(robot, leg), np.full(len(soles(robot, leg)), radius))
+    yield RobotPart("foot", joints[-1] + 1, soles(robot, leg), np.full(len(soles(robot, leg)), radius))
 
 
 def trunk_box(robot: Robot) -> Shape | None:
@@ -108,21 +108,21 @@ def outline(points: Array) -> Array:
     return np.concatenate([hull, hull[:1]])
 
 
-def _body(robot: Robot) -> Iterator[Part]:
+def _body(robot: Robot) -> Iterator[RobotPart]:
     """The trunk's box, rounded; without one, the hull of what hangs from the trunk."""
     if (box := trunk_box(robot)) is not None:
         radius = 0.3 * min(box.size)
         signs = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
         corners = (signs * (0.5 * np.array(box.size) - radius)) @ box.rotation.T + box.translation
-        yield Part("body", 0, corners, np.full(8, radius))
+        yield RobotPart("body", 0, corners, np.full(8, radius))
     else:
         extra = robot.extra
         roots = [] if extra is None else [p for p, on in zip(extra.translations, extra.parents, strict=True) if on < 0]
         centres = np.array([*robot.hips, *roots])
-        yield Part("body", 0, centres, np.full(len(centres), 0.1 * robot.leg_length))
+        yield RobotPart("body", 0, centres, np.full(len(centres), 0.1 * robot.leg_length))
 
 
-def _outside(robot: Robot) -> Iterator[Part]:
+def _outside(robot: Robot) -> Iterator[RobotPart]:
     """Limbs of joints outside the legs; a link from which several branch is a body."""
     extra = robot.extra
     if extra is None:
@@ -133,10 +133,10 @@ def _outside(robot: Robot) -> Iterator[Part]:
         ends = ends or [extra.bodies[k].com]  # where the next joints are, else the centre of mass
         kind: Kind = "body" if len(ends) > 1 and max(np.linalg.norm(ends, axis=1)) > 4.0 * radius else "limb"
         wide = 2.0 * radius if kind == "body" else radius
-        yield Part(kind, first + k, np.array([np.zeros(3), *ends]), np.full(len(ends) + 1, wide))
+        yield RobotPart(kind, first + k, np.array([np.zeros(3), *ends]), np.full(len(ends) + 1, wide))
 
 
-def _disc(part: Part, view: Array) -> Array:
+def _disc(part: RobotPart, view: Array) -> Array:
     """A drive's rim (24, 2) as seen, about its axis."""
     along = part.centres[-1] - part.centres[0]
     along = along / (np.linalg.norm(along) or 1.0)

@@ -20,7 +20,7 @@ from stadera.report.weigh.plots import room
 from stadera.report.weigh.tables import place
 from stadera.trunk.registry import method_of
 from stadera.types import Array
-from stadera.weigh.compare import Compared, Comparison
+from stadera.weigh.compare import Comparison, MethodResult
 from stadera.weigh.result import Weighing
 
 if TYPE_CHECKING:
@@ -125,7 +125,7 @@ def _facts(result: Weighing) -> dict[str, str]:
 _COMPARED = ("method", "trunk [kg]", "com x [m]", "com y [m]", "com z [m]", "payload [kg]", "trust")
 _COLOURS = ("blue", "orange", "green", "purple", "steel", "ink")
 
-Weighed = tuple[Compared, Weighing]
+Weighed = tuple[MethodResult, Weighing]
 """An entry that has a result, and that result."""
 
 
@@ -205,7 +205,7 @@ def _headline(result: Comparison) -> str:
     return f"{name.capitalize()} {between} by {methods}."
 
 
-def _row(each: Compared) -> Row:
+def _row(each: MethodResult) -> Row:
     found = each.weighing
     if found is None:
         return each.label, *[""] * 5, Cell("refused", good=False)
