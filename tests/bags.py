@@ -15,8 +15,8 @@ from rosbags.rosbag2 import Writer as FolderWriter
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from stadera.logs import Recording
-from stadera.logs.bags.decode import PUBLISHED as STATES
-from stadera.logs.bags.unitree import PUBLISHED
+from stadera.logs.bags.decode import published
+from stadera.logs.bags.unitree import LOW_STATES
 
 JOINT_STATE, IMU, STRING = "sensor_msgs/msg/JointState", "sensor_msgs/msg/Imu", "std_msgs/msg/String"
 TYPES = get_typestore(Stores.ROS2_JAZZY)
@@ -39,7 +39,8 @@ OTHERS = {
     "trajectory_msgs/JointTrajectoryPoint reference\ntrajectory_msgs/JointTrajectoryPoint feedback\n",
 }
 """Definitions of types that other packages have, shortened."""
-for _kind, _definition in (*PUBLISHED.items(), *STATES.items(), *OTHERS.items()):
+_READ = (*LOW_STATES, "control_msgs/msg/DynamicJointState", "pal_statistics_msgs/msg/Statistics")
+for _kind, _definition in ({kind: published(kind) for kind in _READ} | OTHERS).items():
     TYPES.register({k: v for k, v in get_types_from_msg(_definition, _kind).items() if k not in TYPES.types})
 ROS1_TYPES.register(get_types_from_msg(OTHERS[OLD_LOW_STATE], OLD_LOW_STATE))
 NS = 1_000_000_000

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from stadera.errors import ModelError
 from stadera.inertia import InertialParameters
-from stadera.lab.laws.equilibrium import ConstantErrors, constant_errors_of, equilibrium_rows, error_slope
+from stadera.lab.laws.equilibrium import ConstantErrors, constant_errors_of, equilibrium_rows, error_slope, wrench_slope
 from stadera.lab.laws.poses import COMBINED, PosesCom
 from stadera.lab.laws.static import stated_errors
 from stadera.lab.laws.static_poses import PoseOffset, expected_covariance, standing_still, static_poses
@@ -58,7 +58,7 @@ def test_wrench_slopes_are_finite_differences() -> None:
     source, m = ContactForceEstimator(ROBOT), held(POSES[3])
     feet = foot_positions(ROBOT, m.joint_position[None])[0]
     m = replace(m, foot_position=feet)
-    slope, columns = source.at(m).wrench_slope, source.body.in_legs.reshape(4, 3)
+    slope, columns = wrench_slope(source.at(m)), source.body.in_legs.reshape(4, 3)
     for leg in range(4):
         for k in range(3):
             push = np.zeros(12)

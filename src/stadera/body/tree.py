@@ -109,7 +109,7 @@ class Body:
         lumped: (10,), links outside the legs that the trunk's parameters contain at a reference position.
 
     Raises:
-        ModelError: a leg with fewer joints than its contact has components that are to be told.
+        ModelError: a leg with too few joints for the components of its contact.
     """
 
     joints: tuple[str, ...]

@@ -87,7 +87,7 @@ class Footing:
         return self._at_rest(self.specific_force)
 
     def _at_rest(self, specific_force: Array) -> State:
-        """Of a leg that is nearly singular no force is told."""
+        """Of a leg that is nearly singular no force is determined."""
         body, q, still, none = self.body, self.blocks.position, 0.0 * self.blocks.position, 0.0 * specific_force
         state = body.at(Motion(q, still, still, none, none, specific_force, unit(specific_force)))
         felt = np.abs(state.volume) >= self.limits.unfelt * self.robot.leg_length**3

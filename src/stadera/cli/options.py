@@ -193,6 +193,11 @@ class LogOptions:
 
         return LogFile(path, self.topics, self.reading)
 
+    def tare(self, given: str | None) -> tuple[float, float] | LogFile | None:
+        """The range of time, or the log, of a `--tare`. Raises BadParameter."""
+        found = None if given is None else parse.tare(given)
+        return self.log(found) if isinstance(found, Path) else found
+
     def robot(self, given: str | None, path: Path) -> str:
         """The robot given, else the one that a log's metadata name, else the only one with its joints, which is shown.
         Raises RecordingError: neither; lists those that have the joints.

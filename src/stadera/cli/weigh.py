@@ -41,12 +41,13 @@ def weigh(
     given.
     """
     springs = None if stiffness is None else parse.point(stiffness)
-    chosen_tare = None if tare is None else parse.tare(tare)
+    unloaded = options.tare(tare)
     on_scale = weighed.on_scale
     test = None if known is None else parse.known(known)
 
     from stadera.lab.truth import read_truth
     from stadera.report.weigh.tables import weighing_tables
+    from stadera.robot.export import check_export
     from stadera.weigh.settings import check_choice
     from stadera.weigh.weigh import weigh as weigh_log
 
@@ -54,13 +55,10 @@ def weigh(
     model = weighed.model(options.robot(robot, log), options.reading.limits)
     files.check(export, weighed.memory)
     if export is not None:
-        from stadera.robot.export import check_export
-
         check_export(model, export)
     memory = remembered(weighed.memory, model)
     true = None if truth is None else read_truth(truth)
     with weighed.watching(model) as watch, progress() as bar:
-        unloaded = options.log(chosen_tare) if isinstance(chosen_tare, Path) else chosen_tare
         result = weigh_log(
             model, options.log(log), unloaded, method, imu_frame=weighed.imu_frame, stiffness=springs,
             force=weighed.force, fix=options.fix, progress=bar, watch=watch, weight=on_scale, known=test,

@@ -43,10 +43,12 @@ def types() -> Typestore:
     """The message definitions."""
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-    from stadera.logs.bags.unitree import PUBLISHED
+    from stadera.logs.bags.decode import published
+    from stadera.logs.bags.unitree import LOW_STATES
 
     store = get_typestore(Stores.ROS2_HUMBLE)
-    for kind, definition in {**PUBLISHED, _RESPONSE: "bool success\nstring message\n"}.items():
+    own = {kind: published(kind) for kind in LOW_STATES}
+    for kind, definition in {**own, _RESPONSE: "bool success\nstring message\n"}.items():
         store.register(get_types_from_msg(definition, kind))
     return store
 

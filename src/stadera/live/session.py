@@ -105,7 +105,7 @@ class LiveSession:
         weight: of the robot on a scale, see `TrunkEstimator.know_weight`.
         tare_after: time since the first sample [s] at which the tare is taken, or as soon as it can be; None: on
             request.
-        memory: what earlier logs told of this robot, see `stadera.trunk.memory`.
+        memory: what earlier logs showed of this robot, see `stadera.trunk.memory`.
         at: link or frame on which the payload is, see `TrunkEstimator`.
 
     Attributes:

@@ -97,7 +97,7 @@ def find_foot(
 
 
 def find_sole(link: str, frames: Mapping[str, Frame], shapes: Iterable[Shape], frame: str | None = None) -> Foot:
-    """Finds the point of a flat foot at which its contact's wrench is told: the `frame` that is given, else the one on
+    """Finds the point of a flat foot about which its contact's wrench is given: the `frame` given, else the one on
     `link` whose name contains sole, foot or toe, else the middle of its spheres, else the link's origin. No row depends
     on it.
     """

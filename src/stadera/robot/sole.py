@@ -129,9 +129,9 @@ def _with_unfelt(robot: Robot, leg: Leg, notes: list[str]) -> Leg:
     low, high = np.array([(robot.limits[joint].lower, robot.limits[joint].upper) for joint in leg.joints]).T
     turns, origins = (x[0] for x in forward_kinematics(tree, np.clip(_BENT, low, high)[None]))
     s = (turns[1:] @ tree.axes[:, :, None])[..., 0]
-    told = np.hstack([np.cross(s, origins[-1] + turns[-1] @ place - origins[1:]), s])[:, : leg.contact]
+    rows = np.hstack([np.cross(s, origins[-1] + turns[-1] @ place - origins[1:]), s])[:, : leg.contact]
     axes = turns[-1] @ level.T  # columns: axes of the sole
-    volumes = [abs(np.linalg.det(np.vstack([told, np.r_[np.zeros(leg.contact - 3), axis]]))) for axis in axes.T]
+    volumes = [abs(np.linalg.det(np.vstack([rows, np.r_[np.zeros(leg.contact - 3), axis]]))) for axis in axes.T]
     best = int(np.argmax(volumes / bounds))
     (x, y, z), (a, b, c) = place.tolist(), level.T[:, best].tolist()
     return replace(leg, foot_position=(x, y, z), unfelt=(a, b, c), unfelt_bound=float(bounds[best]))

@@ -214,7 +214,7 @@ def remove(parent: ET.Element, child: ET.Element) -> None:
 
 
 def append(parent: ET.Element, child: ET.Element) -> None:
-    """Adds a last child, on a line of its own where the others are."""
+    """Adds a last child, on its own line where the others are."""
     if len(parent):
         child.tail, parent[-1].tail = parent[-1].tail, parent.text
     parent.append(child)

@@ -231,14 +231,14 @@ class _LogPass:
         trust = estimator.trust if short else trust_now(estimator, learnt, log.begin)
         time, values, stds, added = (np.array(column) for column in zip(*self._entries, strict=True))
         line = Timeline(time, values[:, 0], stds[:, 0], values[:, 1:], stds[:, 1:], None if payload is None else added)
-        doubted, stood = self._doubted(trust, payload, logs), self._footprint.stance
+        trust, stood = self._lowered(trust, payload, logs), self._footprint.stance
         more = {name: getattr(estimator, name, None) for name in (_AT_REST if self._method.at_rest else _IN_MOTION)}
         return Weighing(
             robot=self._request.robot,
             source=log.source.source,
             method=self._request.method,
             status=str(estimate.status),
-            trust=doubted,
+            trust=trust,
             trunk=estimator.trunk,
             time=learnt,
             payload=payload,
@@ -258,7 +258,7 @@ class _LogPass:
             ),
             memory=memory,
             stance=None if stood is None else Stance(level_axes(stood[0]), stood[1]),
-            next=() if doubted.verdict == "bad" else next_steps(self._request.robot, estimator),
+            next=() if trust.verdict == "bad" else next_steps(self._request.robot, estimator),
             **more,  # type: ignore[arg-type]
         )
 
@@ -281,7 +281,7 @@ class _LogPass:
             )
 
     def _uncovered(self) -> Iterator[str]:
-        """Says what a scale said, and, of a log without a tare, until when a load is not told from the trunk."""
+        """Says what a scale said, and, of a log without a tare, until when a load counts as part of the trunk."""
         if self._request.weight is not None:
             mass, std = self._request.weight
             when = "tare" if self.tared else "beginning"
@@ -378,7 +378,7 @@ class _LogPass:
         changes = self.estimator.changes[self._changes_before :]
         return since_tare([replace(c, time=c.time - shift, noticed=c.noticed - shift) for c in changes], payload)
 
-    def _doubted(self, trust: Trust, payload: Payload | None, logs: list[CheckedLog]) -> Trust:
+    def _lowered(self, trust: Trust, payload: Payload | None, logs: list[CheckedLog]) -> Trust:
         """The estimator's trust, lowered by faults of the logs and by the model."""
         for log in logs:
             if log.event is not None:

@@ -104,7 +104,7 @@ class Weighing(Result):
         notes: remarks, one sentence each.
         spikes: number of samples of which single wild values were replaced; None at rest.
         impacts: time left out because the log's rate does not resolve its impacts [s]; None at rest.
-        drives: what the motion told about the joints; None at rest.
+        drives: what the motion showed about the joints; None at rest.
         memory: the robot's memory with this log, if one was asked for and the log does not contradict it.
         next: what would make a wide bar narrower, the best first.
     """
@@ -210,8 +210,8 @@ class Weighing(Result):
         ("inertia_about") in its axes, null at rest. The payload's centre of mass is in its own "frame", its inertia
         about that centre in that frame's axes: the trunk's, or that of the link "at" which it is; "places" are the
         probabilities of all places that were compared. The trunk is without a payload that is elsewhere. "joints" are
-        rotor inertia, friction and offsets that the motion told; with "links", which weighing leaves as they are, they
-        are what `--legs` takes. In a result that cannot be trusted,
+        rotor inertia, friction and offsets that the motion showed; with "links", which weighing leaves as they are,
+        they are what `--legs` takes. In a result that cannot be trusted,
         every mass and centre of mass of trunk, payload and changes has "trusted": false. "determined" says whether
         masses are known well enough to be of use, "next" what to do where not.
         """

@@ -68,7 +68,7 @@ def weigh(
         weight: mass of the whole robot on a scale [kg], or (mass, standard deviation): at the tare, else at the log's
             beginning. It removes what the torques' common scale adds to the bars. In motion only.
         known: the payload since the tare, if its owner knows it: it calibrates gains and offsets. In motion only.
-        memory: what earlier logs told of this robot; `Memory.none(robot)` begins one. The result's `memory` has this
+        memory: what earlier logs showed of this robot; `Memory.none(robot)` begins one. The result's `memory` has this
             log besides. In motion only.
         at: link or frame of the model on which the payload is, such as a hand's: its mass and centre in that frame,
             by what the legs and the limb's own joints feel; the trunk is without it. None compares trunk, torso, and

@@ -1,7 +1,7 @@
 """Study of thousands of faulty logs: how many are weighed correctly, marked, refused, or silently wrong.
 
 A log is simulated once for each robot, motion and seed, with `real` errors, and weighed through the public interface
-with each fault. A signal fault is applied to the log's arrays; an external force acts in a simulation of its own.
+with each fault. A signal fault is applied to the log's arrays; an external force acts in its own simulation.
 `weigh` gets the model file, the log, and the time of the tare, which ends before the load, or the force, is applied.
 """
 
@@ -148,8 +148,8 @@ def weigh_faulty(case: FaultyLog, logs: Path | None = None) -> dict[str, Any]:
     }
 
 
-def _weighed(case: FaultCase, robot: Robot, log: Recording, truth: Truth, told: int = 200) -> dict[str, Any]:
-    """Outcome of one weighing; `told` characters of a message are kept."""
+def _weighed(case: FaultCase, robot: Robot, log: Recording, truth: Truth, kept: int = 200) -> dict[str, Any]:
+    """Outcome of one weighing; `kept` characters of a message are kept."""
     faulty = log
     if case.fault in SIGNAL_FAULTS:
         faulty = SIGNAL_FAULTS[case.fault].spoil(log, robot, np.random.default_rng(zlib.crc32(repr(case).encode())))
@@ -160,12 +160,12 @@ def _weighed(case: FaultCase, robot: Robot, log: Recording, truth: Truth, told: 
         result = weigh(robot, replace(faulty, source=f"{case.log.robot}, {case.log.scenario}"), tare)
     except Exception as error:  # crashes are part of the study
         status, said = ("refused", str(error)) if isinstance(error, StaderaError) else ("crashed", repr(error))
-        return {"status": status, "said": said[:told], "mass": robot.mass, "errors": {}, "left_out": False}
+        return {"status": status, "said": said[:kept], "mass": robot.mass, "errors": {}, "left_out": False}
     errors = _errors(result, truth)
     good = result.trust.verdict == "good"
     return {
         "status": ("right" if worst(errors) <= 3.0 else "silent") if good else "named",
-        "said": "; ".join(result.trust.reasons)[:told],
+        "said": "; ".join(result.trust.reasons)[:kept],
         "mass": robot.mass,
         "errors": errors,
         "left_out": any(note.startswith("left out") for note in result.notes),

@@ -61,10 +61,10 @@ def identified(case: IdentifiedCase, logs: Path | None = None) -> dict[str, Any]
         made = [_log(case, robot, draw, scenario, logs) for scenario in ("trot", "shake")]
         if any(truth.fell for _, truth in made):
             return {"refused": "it fell"}
-        told, drawn = [log for log, _ in made], dict(made[0][1].drawn or {})
+        given, drawn = [log for log, _ in made], dict(made[0][1].drawn or {})
         if case.air:
-            told.append(_log(case, robot, draw, "swing", logs)[0])
-        result = identify(_wrong(robot, draw), told)
+            given.append(_log(case, robot, draw, "swing", logs)[0])
+        result = identify(_wrong(robot, draw), given)
     except StaderaError as error:
         return {"refused": str(error)}
     return {"refused": None} | _compared(result, robot, drawn)

@@ -77,12 +77,22 @@ class ConstantErrors:
         return np.asarray(np.linalg.cholesky(self.covariance))
 
 
+def wrench_slope(forces: ContactForces) -> Array:
+    """Derivative (6, J + 3 L) of the feet's wrench with respect to the legs' torques [N·m], then the feet's positions
+    [m], leg by leg.
+    """
+    carried = np.where(forces.stance[:, None], np.nan_to_num(forces.force), 0.0)
+    E = forces.to_wrench * forces.stance[forces.body.leg_of[forces.body.in_legs], None]
+    by_foot = forces.body.by_contact(E, forces.axis, carried)
+    return np.hstack([-E.T, by_foot.transpose(1, 0, 2).reshape(6, -1)])
+
+
 def error_slope(forces: ContactForces, robot: Robot, up: Array) -> Array:
     """Derivative (6, k) of (F - m_l g u, μ - h_l x g u), at rest, with respect to the constant errors; the vertical's,
     which depends on the trunk, is zero (`vertical_slope`).
     """
     links = forces.weights.links[:, : len(robot.tree.joints)] @ (GRAVITY * up)
-    return np.hstack([forces.wrench_slope, np.zeros((6, 3)), links])
+    return np.hstack([wrench_slope(forces), np.zeros((6, 3)), links])
 
 
 def vertical_slope(forces: ContactForces, trunk: Array, up: Array) -> Array:
@@ -155,7 +165,7 @@ def equilibrium_rows(
     by_error[np.arange(6, len(matrix)), torque.start + swing] = 1.0
     value[:6] = forces.wrench - forces.weights.own @ (GRAVITY * up)
     value[6:] = forces.left[swing]
-    white, slope = forces.noise.torque_white**2 / count, forces.wrench_slope
+    white, slope = forces.noise.torque_white**2 / count, wrench_slope(forces)
     covariance = np.eye(len(matrix)) * (forces.noise.repeatable * robot.mass * GRAVITY) ** 2
     covariance[:6, :6] += (slope[:, torque] * white) @ slope[:, torque].T
     if effort_covariance is not None and count >= fewest:

@@ -18,7 +18,7 @@ from math import exp, isnan, sqrt
 import numpy as np
 
 from stadera.constants import GRAVITY
-from stadera.lab.laws.equilibrium import ConstantErrors, constant_errors_of, felt_by_mass
+from stadera.lab.laws.equilibrium import ConstantErrors, constant_errors_of, felt_by_mass, wrench_slope
 from stadera.robot.model import Robot
 from stadera.trunk.measurement import Measurement
 from stadera.trunk.model import ImplausibleError, TrunkBounds, TrunkModel
@@ -49,7 +49,7 @@ def stated_errors(
 
 def white_covariance(forces: ContactForces) -> Array:
     """Covariance (6, 6) of the feet's wrench due to the torques' white noise."""
-    scaled = forces.wrench_slope[:, : len(forces.left)] * forces.noise.torque_white
+    scaled = wrench_slope(forces)[:, : len(forces.left)] * forces.noise.torque_white
     return np.asarray(scaled @ scaled.T)
 
 

@@ -23,14 +23,6 @@ from stadera.report.page import render, script_data
 from stadera.report.table import Cell, Row, TableData, rich_table
 from stadera.report.weigh.tables import place
 
-_LEGEND = (
-    ("truth", "●", "true centre of mass of robot and box"),
-    ("model", "○", "centre of mass as controller and planner have it"),
-    ("polygon", "■", "support polygon; red while the true centre of mass is outside it"),
-    ("force", "▲", "the ground's forces on the feet"),
-    ("hot", "■", "a link whose drive is at its torque limit"),
-)
-
 
 def demo_html(result: DemoResult) -> str:
     """The complete, self-contained page."""
@@ -43,7 +35,6 @@ def demo_html(result: DemoResult) -> str:
         headline=headline(result),
         scene_label="Two robots side by side. " + headline(result),
         moments=[(event["mark"], event["time"] + 0.05) for event in _marked(drawn["runs"])],
-        legend=_LEGEND,
         scene=script_data(json.dumps(drawn, separators=(",", ":"), allow_nan=False)),
         library=Markup((resources.files("stadera.lab.report") / "vendor" / "three.min.js").read_text(encoding="utf-8")),
         comparison=comparison_table(result),
@@ -51,7 +42,7 @@ def demo_html(result: DemoResult) -> str:
         load=load_table(identified) if identified.payload is not None else None,
         log=log_table(identified),
         plots=list(_plots(result)),
-        terms=_terms(settings.classic),
+        classic=settings.classic,
         facts=_facts(result),
     )
 
@@ -101,30 +92,6 @@ def _plots(result: DemoResult) -> Iterator[Figure]:
     yield margin_figure(result, note)
     yield mass_figure(result, "With identification, around the load.")
     yield com_figure(result, "With identification, trunk frame.")
-
-
-def _terms(classic: bool) -> dict[str, str]:
-    noticed = {
-        "Noticed": "Joint torques, joint angles, gyro and accelerometer of every 20 ms give six equations that are "
-        "linear in the trunk's mass and centre of mass, whatever the robot does. The last of them fit a trunk that "
-        "jumped better than one that is as it was, by a factor of 10¹⁵.",
-    }
-    at_rest = {
-        "Weighing": "First the mass, from the sum of the contact forces, then the centre of mass, from their line of "
-        "action (the paper's approach (c)); both have to converge before controller and planner get either.",
-        "Not observed": "A level trunk at rest does not show how high a centre of mass is.",
-    }
-    on_the_way = {"Weighed on the way": "By the same equations, from the jump on, while the robot walks."}
-    return {
-        "Walked, stuck, fell": "Fell: the trunk tilted by 45°, or trunk, hip or knee on the ground. Stuck: not half of "
-        "the commanded way or steps in the last gait cycle, a joint at its torque limit for 0.5 s, or the trunk 15 % "
-        "too low for 0.8 s.",
-        "Support polygon": "The hull of the feet that carry, seen from above. A slow robot stands while its centre of "
-        "mass is over it.",
-        "Steps lost": "Steps for which there was time, as commanded, while none was taken.",
-        **noticed,
-        **(at_rest if classic else on_the_way),
-    }
 
 
 _TRUE, _CONTROLLER = "true", "controller and planner"

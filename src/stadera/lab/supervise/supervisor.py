@@ -1,6 +1,6 @@
 """Supervisors that detect a change of a walking robot's load and have the trunk weighed again.
 
-The walking estimator (`TrunkEstimator`) runs beside the robot and detects the change. From there the two differ:
+The walking estimator (`TrunkEstimator`) runs all the time and detects the change. From there the two differ:
 
     NonstopSupervisor:    WALKING -> WEIGHING -> WALKING
     StoppingSupervisor:   WALKING -> STOPPING -> WEIGHING_MASS -> WEIGHING_COM -> CONVERGED -> WALKING
@@ -180,7 +180,7 @@ class Supervisor:
     """What both supervisors share: the walking estimator, and the trunk that controller and planner use.
 
     Attributes:
-        trunk: as used by controller and planner. estimator: beside the robot.
+        trunk: as used by controller and planner. estimator: runs in parallel with the robot.
         noticed: times of detection of changes of the load [s].
     """
 

@@ -15,6 +15,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Mapping, Sequence
 from functools import cache
+from importlib import resources
 from itertools import groupby
 from typing import TYPE_CHECKING, Any
 
@@ -58,15 +59,15 @@ _MEASURED = ("feedback", "actual")
 _STATISTIC = re.compile(r"^(?:state_interface[./])?(?P<joint>[^/]+?)[./](?P<word>\w+)$")
 _COMMAND = re.compile(r"command|desired|reference")
 
-PUBLISHED = {
-    "control_msgs/msg/DynamicJointState": "std_msgs/Header header\nstring[] joint_names\n"
-    f"InterfaceValue[] interface_values\n{'=' * 80}\nMSG: control_msgs/InterfaceValue\n"
-    "string[] interface_names\nfloat64[] values\n",
-    "pal_statistics_msgs/msg/Statistics": "std_msgs/Header header\nStatistic[] statistics\n"
-    f"{'=' * 80}\nMSG: pal_statistics_msgs/Statistic\nstring name\nfloat64 value\n",
-}
-"""Definitions of types that bags without definitions may have (https://github.com/ros-controls/control_msgs,
-https://github.com/pal-robotics/pal_statistics)."""
+
+@cache
+def published(kind: str) -> str:
+    """The definition of a type that bags without definitions may have, of Unitree's restricted to the fields read here;
+    empty for others. Sources: https://github.com/ros-controls/control_msgs, https://github.com/pal-robotics/pal_statistics,
+    https://github.com/unitreerobotics/unitree_ros2.
+    """
+    file = resources.files(__package__) / "definitions" / f"{kind.replace('/', '-')}.msg"
+    return file.read_text(encoding="utf-8") if file.is_file() else ""
 
 
 def decoder(topic: Topic, encoding: str, joints: Sequence[str] | None, settings: BagSettings) -> Decoder:
@@ -97,7 +98,7 @@ def is_low_state(topic: Topic) -> bool:
 
 def has_states(topic: Topic, encoding: str) -> bool:
     """True if messages other than JointState or LowState contain joints' states in a known layout."""
-    if "position" not in topic.definition and topic.kind not in PUBLISHED and "Statistic" not in topic.definition:
+    if "position" not in topic.definition and not published(topic.kind) and "Statistic" not in topic.definition:
         return False
     try:
         return finder(_types(topic, encoding).fielddefs, topic.kind) is not None
@@ -181,7 +182,7 @@ def _types(topic: Topic, encoding: str) -> Typestore:
 
     store = get_typestore(Stores.ROS1_NOETIC if encoding == "ros1" else Stores.ROS2_HUMBLE)
     if topic.kind not in store.types:
-        definition = topic.definition or PUBLISHED.get(topic.kind, "")
+        definition = topic.definition or published(topic.kind)
         is_idl = "module " in definition and "struct " in definition
         found = get_types_from_idl(definition) if is_idl else get_types_from_msg(definition, topic.kind)
         store.register({kind: fields for kind, fields in found.items() if kind not in store.types})

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from stadera.errors import ClosedLoopError, RecordingError
 from stadera.joint_words import by_place, places
 from stadera.logs.bags.container import BagSettings, Decoded, Message, Topic
-from stadera.logs.bags.decode import IMU_NAMES, joint_columns, uncompressed
+from stadera.logs.bags.decode import IMU_NAMES, joint_columns, published, uncompressed
 
 LOW_STATES = ("unitree_go/msg/LowState", "unitree_hg/msg/LowState")
 MOTORS = tuple(f"{leg}_{part}_joint" for leg in ("FR", "FL", "RR", "RL") for part in ("hip", "thigh", "calf"))
@@ -25,22 +25,6 @@ G1_MOTORS = (
     *(f"{side}_{part}_joint" for side in ("left", "right") for part in _ARM),
 )
 """The same of a G1 with 29 joints, as its developers' guide numbers them."""
-_SEPARATOR = f"{'=' * 80}\nMSG: "
-_IMU = "float32[4] quaternion\nfloat32[3] gyroscope\nfloat32[3] accelerometer\nfloat32[3] rpy\n"
-PUBLISHED = {
-    LOW_STATES[0]: "uint8[2] head\nuint8 level_flag\nuint8 frame_reserve\nuint32[2] sn\nuint32[2] version\n"
-    "uint16 bandwidth\nIMUState imu_state\nMotorState[20] motor_state\nBmsState bms_state\nint16[4] foot_force\n"
-    f"int16[4] foot_force_est\nuint32 tick\n{_SEPARATOR}unitree_go/IMUState\n{_IMU}int8 temperature\n"
-    f"{_SEPARATOR}unitree_go/MotorState\nuint8 mode\nfloat32 q\nfloat32 dq\nfloat32 ddq\nfloat32 tau_est\n"
-    "float32 q_raw\nfloat32 dq_raw\nfloat32 ddq_raw\nint8 temperature\nuint32 lost\nuint32[2] reserve\n"
-    f"{_SEPARATOR}unitree_go/BmsState\nuint8 version_high\nuint8 version_low\nuint8 status\nuint8 soc\n"
-    "int32 current\nuint16 cycle\nint8[2] bq_ntc\nint8[2] mcu_ntc\nuint16[15] cell_vol\n",
-    LOW_STATES[1]: "uint32[2] version\nuint8 mode_pr\nuint8 mode_machine\nuint32 tick\nIMUState imu_state\n"
-    f"MotorState[35] motor_state\n{_SEPARATOR}unitree_hg/IMUState\n{_IMU}int16 temperature\n"
-    f"{_SEPARATOR}unitree_hg/MotorState\nuint8 mode\nfloat32 q\nfloat32 dq\nfloat32 ddq\nfloat32 tau_est\n"
-    "int16[2] temperature\nfloat32 vol\nuint32[2] sensor\nuint32 motorstate\nuint32[4] reserve\n",
-}
-"""Unitree's definitions (https://github.com/unitreerobotics/unitree_ros2), restricted to the fields read here."""
 
 
 class LowStates:
@@ -148,15 +132,15 @@ class TickClock:
 
 def _offsets(topic: Topic, *, aligned: bool) -> dict[str, int]:
     """Like `offsets`, from the definition in the log, else Unitree's."""
-    published = PUBLISHED.get(topic.kind, "")
+    usual = published(topic.kind)
     try:
-        return offsets(topic.kind, topic.definition or published, aligned=aligned)
+        return offsets(topic.kind, topic.definition or usual, aligned=aligned)
     except RecordingError:
         raise
     except Exception:  # of many kinds, if the definition is damaged or in another language
-        if not published:
+        if not usual:
             raise RecordingError(f"the definition of {topic.kind} in this log cannot be read") from None
-        return offsets(topic.kind, published, aligned=aligned)
+        return offsets(topic.kind, usual, aligned=aligned)
 
 
 def motors_of(kind: str, joints: Sequence[str] | None) -> tuple[str, ...]:

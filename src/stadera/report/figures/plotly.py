@@ -58,8 +58,8 @@ class Room:
             return figure.row_height - self.above - self.below
         if panel.x.limits is None or panel.y.limits is None:
             return min(0.9 * self.width, 400.0)
-        beside = 1 if self.columns else max(map(len, figure.rows))
-        width = self.width / beside - self.left - 12.0
+        abreast = 1 if self.columns else max(map(len, figure.rows))
+        width = self.width / abreast - self.left - 12.0
         return min(width * (panel.y.limits[1] - panel.y.limits[0]) / (panel.x.limits[1] - panel.x.limits[0]), 520.0)
 
 

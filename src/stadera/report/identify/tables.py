@@ -236,7 +236,7 @@ def tables(result: Identification) -> list[TableData]:
 
 
 def trunk_table(result: Identification) -> TableData:
-    """The trunk of a robot on its feet, payload included, beside the model's."""
+    """The trunk of a robot on its feet, payload included, and the model's."""
     assert result.trunk is not None
     prior, found = result.robot.inertias[result.robot.trunk], result.trunk
     names = ("mass [kg]", "com x [m]", "com y [m]", "com z [m]")

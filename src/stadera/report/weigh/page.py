@@ -83,7 +83,7 @@ def weighing_html(result: Weighing, truth: Truth | None = None) -> str:
         headline=f"{tables.headline(result)}.",
         word=f"Trust: {result.trust.verdict}",
         why=tables.may_be_used(result),
-        told={"Where": tables.where(result), "How sure": tables.how_sure(result)},
+        summary={"Where": tables.where(result), "How sure": tables.how_sure(result)},
         robot=drawn.pop("balance", None),
         first=replace(drawn.pop(next(iter(drawn))), width=560.0),
         next=tuple(next_steps(result)),

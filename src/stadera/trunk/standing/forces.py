@@ -30,7 +30,6 @@ from dataclasses import dataclass, fields
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stadera.body import Body, Motion
 from stadera.constants import GRAVITY, NOTHING, SINGULAR
@@ -169,16 +168,6 @@ class ContactForces:
         return np.asarray((load @ contact + own) / total)
 
     @cached_property
-    def wrench_slope(self) -> Array:
-        """Derivative (6, J + 3 L) of `wrench` with respect to the legs' torques [N·m], then the feet's positions [m],
-        leg by leg.
-        """
-        carried = np.where(self.stance[:, None], np.nan_to_num(self.force), 0.0)
-        E = self.to_wrench * self.stance[self._legs, None]
-        by_foot = self.body.by_contact(E, self.axis, carried)
-        return np.hstack([-E.T, by_foot.transpose(1, 0, 2).reshape(6, -1)])
-
-    @cached_property
     def weights(self) -> Weights:
         """Of the robot's links in this posture, with the feet in stance."""
         body, q = self.body, np.tile(self.position, (3, 1))
@@ -189,10 +178,6 @@ class ContactForces:
         links = (state.columns @ body.parameters[:, :, None])[..., 0].transpose(2, 1, 0)
         m, h = body.lumped[0], body.lumped[1:4]
         return Weights(links, state.inertial.sum(axis=1).T - np.vstack([m * np.eye(3), skew(h)]))
-
-    @property
-    def _legs(self) -> NDArray[np.int64]:
-        return self.body.leg_of[self.body.in_legs]
 
 
 class ContactForceEstimator:
