@@ -41,7 +41,7 @@ from stadera.files import write_text, written_together
 from stadera.identify.legs import identify
 from stadera.identify.schema import with_identified_legs
 from stadera.identify.settings import IdentifySettings
-from stadera.lab.plant import STANDARD
+from stadera.lab.plant.sensors import STANDARD
 from stadera.lab.scenarios.catalog import Load, SimulateSettings
 from stadera.lab.scenarios.run import simulate
 from stadera.lab.truth import Truth, read_truth

@@ -34,8 +34,7 @@ import psutil
 from stadera.files import write_text, written_together
 from stadera.fleet import read_fleet
 from stadera.fleet.table import FleetTable
-from stadera.lab.plant import STANDARD
-from stadera.lab.plant.sensors import SensorErrors, measured
+from stadera.lab.plant.sensors import STANDARD, SensorErrors, measured
 from stadera.lab.scenarios.catalog import SimulateSettings
 from stadera.lab.scenarios.run import simulate
 from stadera.logs import Recording, write_table

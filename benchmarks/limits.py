@@ -71,7 +71,7 @@ from stadera.lab.control.com_plan import PlanError
 from stadera.lab.control.reference import ControlError
 from stadera.lab.experiments.reality import HOW, ROBOTS, SCENARIOS, SHARES, RealityCase
 from stadera.lab.experiments.runner import run_grid
-from stadera.lab.plant import SimulationError
+from stadera.lab.plant.plant import SimulationError
 from stadera.lab.reality.draw import REAL_SETS
 from stadera.report.table import rich_table
 from stadera.robot import Robot, load_robot

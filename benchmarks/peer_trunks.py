@@ -13,7 +13,8 @@ from scipy.spatial.transform import Rotation
 from stadera.lab.baselines import ALL_METHODS
 from stadera.lab.control.com_plan import PlanError
 from stadera.lab.control.reference import ControlError
-from stadera.lab.plant import SimulationError, Tray
+from stadera.lab.plant.payload import Tray
+from stadera.lab.plant.plant import SimulationError
 from stadera.lab.scenarios.catalog import Load, SimulateSettings
 from stadera.lab.scenarios.run import simulate
 from stadera.robot import Robot, load_robot

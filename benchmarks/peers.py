@@ -40,7 +40,7 @@ from peer_trunks import CASES, SETTINGS, TRUNK_METHODS, Walks, trunk_rows
 
 from stadera.excite.sinusoids import Sinusoids
 from stadera.files import write_text, written_together
-from stadera.lab.plant import perturbed_physical, simulate_leg
+from stadera.lab.plant.leg import perturbed_physical, simulate_leg
 from stadera.logs import Preprocessing, Recording, preprocess, read, suggest_cutoff, take, write_table
 from stadera.robot import JointDynamics, Robot, load_robot
 

@@ -22,7 +22,7 @@ from simulated import made_log, parser_of, show
 
 from stadera.constants import GRAVITY
 from stadera.errors import StaderaError
-from stadera.lab.plant import OutsideForce, Tray
+from stadera.lab.plant.payload import OutsideForce, Tray
 from stadera.lab.scenarios.catalog import SimulateSettings
 from stadera.lab.truth import Truth
 from stadera.logs import Recording

@@ -20,7 +20,7 @@ from simulated import made_log, parser_of, show
 
 from stadera.excite.trunk.design import RoutineSettings, weighing_routine
 from stadera.excite.trunk.result import Routine
-from stadera.lab.plant import Tray
+from stadera.lab.plant.payload import Tray
 from stadera.lab.scenarios.catalog import Load, SimulateSettings
 from stadera.logs import Recording
 from stadera.trunk import Samples, TrunkEstimator

@@ -24,10 +24,13 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")  # before numpy is loaded: one cor
 import numpy as np
 
 from stadera.files import written_together
-from stadera.lab.control import Shake, TestBed, Trot, TrunkController
-from stadera.lab.control.stand import Controller
+from stadera.lab.control.reference import Shake
+from stadera.lab.control.stand import Controller, TestBed
+from stadera.lab.control.trot import Trot
+from stadera.lab.control.trunk import TrunkController
 from stadera.lab.laws.recursive import ContactCom
-from stadera.lab.plant import STANDARD, Plant, Sensors
+from stadera.lab.plant.plant import Plant
+from stadera.lab.plant.sensors import STANDARD, Sensors
 from stadera.robot import Robot, load_robot
 from stadera.robot.stance import standing_configuration
 

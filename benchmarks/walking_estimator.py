@@ -39,10 +39,11 @@ import numpy as np
 import pinocchio as pin
 
 from stadera.files import written_together
-from stadera.lab.control import TestBed, Trot
+from stadera.lab.control.stand import TestBed
+from stadera.lab.control.trot import Trot
 from stadera.lab.pinocchio import pinocchio_model
-from stadera.lab.plant import STANDARD, Plant, Sensors
-from stadera.lab.plant.sensors import recording_of
+from stadera.lab.plant.plant import Plant
+from stadera.lab.plant.sensors import STANDARD, Sensors, recording_of
 from stadera.logs import Recording
 from stadera.robot import Robot, load_robot
 from stadera.robot.stance import standing_configuration

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from stadera.inertia import InertialParameters
-from stadera.lab.plant import STANDARD
 from stadera.lab.plant.leg import simulate_leg
+from stadera.lab.plant.sensors import STANDARD
 from stadera.logs import Recording, write_table
 from stadera.robot import load_robot
 from walking import Walk, recorded, walked

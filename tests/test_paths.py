@@ -23,7 +23,7 @@ from log_formats import low_states
 from logs_to_play import LOAD, swing_log, walk_log
 from sharing import shared
 from stadera.inertia import InertialParameters
-from stadera.lab.plant import STANDARD
+from stadera.lab.plant.sensors import STANDARD
 from stadera.robot import load_robot
 from stadera.robot.catalog import find_file
 from walking import Walk, recorded, walked

@@ -16,8 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from stadera.inertia import InertialParameters
 from stadera.lab.control.legs import foot_jacobians
-from stadera.lab.plant import SensorErrors
-from stadera.lab.plant.sensors import effort_limits
+from stadera.lab.plant.sensors import SensorErrors, effort_limits
 from stadera.logs import Imu, Recording
 from stadera.robot import Robot
 from stadera.robot.imu import ImuMount

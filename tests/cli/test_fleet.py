@@ -11,7 +11,7 @@ import pytest
 from stadera.fleet import read_fleet
 from stadera.fleet import run as runs
 from stadera.identify.schema import with_identified_legs
-from stadera.lab.plant import STANDARD
+from stadera.lab.plant.sensors import STANDARD
 from stadera.logs import write_table
 from stadera.robot import load_robot
 from walking import Walk, recorded, walked

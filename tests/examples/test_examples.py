@@ -14,7 +14,7 @@ import pytest
 from logs_to_play import LOAD, swing_log, walk_log
 from stadera.identify.legs import identify
 from stadera.identify.settings import IdentifySettings
-from stadera.lab.plant import STANDARD
+from stadera.lab.plant.sensors import STANDARD
 from stadera.logs import write_table
 from stadera.robot import load_robot
 from walking import Walk, recorded, walked

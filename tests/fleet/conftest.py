@@ -11,8 +11,8 @@ import pytest
 
 from logs_to_play import Swing
 from stadera.fleet.pool import Pool
-from stadera.lab.plant import STANDARD
 from stadera.lab.plant.leg import simulate_leg
+from stadera.lab.plant.sensors import STANDARD
 from stadera.logs import write_table
 from stadera.robot import load_robot
 from walking import Walk, recorded, walked

@@ -11,7 +11,7 @@ import numpy as np
 from stadera.body import FrictionModel, JointMotion, JointTorqueRegressor
 from stadera.excite.sinusoids import Sinusoids
 from stadera.information import Information
-from stadera.lab.plant import perturbed_physical, simulate_leg
+from stadera.lab.plant.leg import perturbed_physical, simulate_leg
 from stadera.logs import Recording
 from stadera.robot import JointDynamics, Robot, load_robot
 

@@ -15,7 +15,7 @@ from stadera.identify.result import Identification
 from stadera.identify.schema import with_identified_legs
 from stadera.identify.settings import IdentifySettings
 from stadera.information import Information
-from stadera.lab.plant import simulate_leg
+from stadera.lab.plant.leg import simulate_leg
 from stadera.lab.scenarios.catalog import SimulateSettings
 from stadera.lab.scenarios.run import simulate
 from stadera.logs import Recording

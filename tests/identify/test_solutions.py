@@ -17,7 +17,7 @@ from stadera.identify.prior import Prior, robot_prior
 from stadera.identify.solutions import Estimate, consistent_solution, null_space_solution
 from stadera.inertia import InertialParameters
 from stadera.information import Information
-from stadera.lab.plant import perturbed
+from stadera.lab.plant.leg import perturbed
 from stadera.robot import JointDynamics, Robot
 
 SOLUTIONS = [null_space_solution, consistent_solution]

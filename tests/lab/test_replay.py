@@ -14,7 +14,7 @@ from stadera.body.friction import presliding
 from stadera.errors import ModelError, RecordingError, UntrustedError
 from stadera.identify.legs import identify
 from stadera.identify.settings import IdentifySettings
-from stadera.lab.plant import simulate_leg
+from stadera.lab.plant.leg import simulate_leg
 from stadera.lab.replay import Drive, JointLaw, Replay, ReplaySettings, _begins, _Simulated, replay, replayed_models
 from stadera.limits import LimitError, Limits
 from stadera.logs.processing import Preprocessing, preprocess

@@ -12,7 +12,7 @@ import pytest
 from on_zenoh import LOADED_AT, Listener, Publish
 
 from logs_to_play import LOAD
-from stadera.lab.plant import STANDARD
+from stadera.lab.plant.sensors import STANDARD
 from stadera.logs import Recording, write_table
 from stadera.robot import Robot, load_robot
 from walking import Walk, recorded, walked

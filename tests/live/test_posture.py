@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stadera.lab.plant import IDEAL
+from stadera.lab.plant.sensors import IDEAL
 from stadera.live.view import Posture, Postures, Viewer
 from stadera.robot import Robot
 from stadera.robot.imu import ImuMount

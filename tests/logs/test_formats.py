@@ -12,7 +12,7 @@ from stadera.identify.legs import identify
 from stadera.identify.result import Identification
 from stadera.identify.settings import IdentifySettings
 from stadera.inertia import InertialParameters
-from stadera.lab.plant import STANDARD
+from stadera.lab.plant.sensors import STANDARD
 from stadera.logs import LogFile, Recording, Topics, read, take
 from stadera.logs.topics import ReadOptions
 from stadera.robot import load_robot

@@ -13,7 +13,7 @@ from pyarrow import csv as pacsv
 from stadera.errors import RecordingError
 from stadera.identify.legs import identify
 from stadera.identify.settings import IdentifySettings
-from stadera.lab.plant import STANDARD
+from stadera.lab.plant.sensors import STANDARD
 from stadera.logs import LogFile, Recording, Topics, read, stream
 from stadera.logs.frames import columns_of
 from stadera.logs.recording import with_velocity

@@ -14,7 +14,8 @@ from stadera.constants import GRAVITY
 from stadera.errors import ModelError, RecordingError, StaderaError
 from stadera.inertia import InertialParameters
 from stadera.lab.baselines import KalmanTrunk, LeastSquaresTrunk, RlsTrunk
-from stadera.lab.plant import IDEAL, STANDARD, RigidMass, SensorErrors, estimator_model
+from stadera.lab.plant.payload import RigidMass
+from stadera.lab.plant.sensors import IDEAL, STANDARD, SensorErrors, estimator_model
 from stadera.logs import Recording
 from stadera.robot import JointDynamics, Robot, load_robot
 from stadera.robot.imu import ImuMount

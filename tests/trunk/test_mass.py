@@ -8,10 +8,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stadera.lab.control import TestBed, TrunkController
+from stadera.lab.control.stand import TestBed
+from stadera.lab.control.trunk import TrunkController
 from stadera.lab.laws.static import MassEstimator, MassSettings
-from stadera.lab.plant import IDEAL, STANDARD, Plant, RigidMass, SensorErrors, Sensors, Terrain
-from stadera.lab.plant.sensors import measurement_of
+from stadera.lab.plant.payload import RigidMass
+from stadera.lab.plant.plant import Plant
+from stadera.lab.plant.sensors import IDEAL, STANDARD, SensorErrors, Sensors, measurement_of
+from stadera.lab.plant.terrain import Terrain
 from stadera.robot import load_robot
 from stadera.robot.imu import ImuMount
 from stadera.robot.stance import standing_configuration

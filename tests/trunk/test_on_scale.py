@@ -12,7 +12,7 @@ from layout import ERRORS, LAYOUT, PLACES
 from stadera import IdentificationError, TrunkEstimator, load_robot, weigh
 from stadera.cli import parse
 from stadera.inertia import InertialParameters
-from stadera.lab.plant import STANDARD
+from stadera.lab.plant.sensors import STANDARD
 from stadera.logs import Recording
 from stadera.trunk import Samples
 from stadera.trunk.error_model import ErrorModel

@@ -10,8 +10,8 @@ from scipy.spatial.transform import Rotation
 
 from stadera.errors import ModelError, RecordingError, StaderaError, UnknownNameError
 from stadera.lab.laws.static import MassEstimator
-from stadera.lab.plant import IDEAL, Plant, SensorReading, Sensors, recording_of
-from stadera.lab.plant.sensors import measurement_of
+from stadera.lab.plant.plant import Plant
+from stadera.lab.plant.sensors import IDEAL, SensorReading, Sensors, measurement_of, recording_of
 from stadera.logs import Imu
 from stadera.robot import Robot, load_robot
 from stadera.robot.imu import ImuMount

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from stadera import IdentificationError, UnknownNameError, load_robot
-from stadera.lab.plant import STANDARD
+from stadera.lab.plant.sensors import STANDARD
 from stadera.logs import write_table
 from stadera.weigh import weigh
 from stadera.weigh.compare import compare

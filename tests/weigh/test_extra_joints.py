@@ -11,7 +11,7 @@ import pytest
 
 from arm import with_arm
 from stadera.inertia import InertialParameters
-from stadera.lab.plant import IDEAL
+from stadera.lab.plant.sensors import IDEAL
 from stadera.live.session import LiveSession
 from stadera.logs import Imu, Recording, stream, take, write_table
 from stadera.robot import Robot, load_robot

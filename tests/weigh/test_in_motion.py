@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from stadera.errors import RecordingError
-from stadera.lab.plant import STANDARD
+from stadera.lab.plant.sensors import STANDARD
 from stadera.logs import write_table
 from stadera.robot import load_robot
 from stadera.weigh import weigh

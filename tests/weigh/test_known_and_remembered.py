@@ -11,7 +11,7 @@ import pytest
 
 from stadera import IdentificationError, load_robot, weigh
 from stadera.inertia import InertialParameters
-from stadera.lab.plant import STANDARD
+from stadera.lab.plant.sensors import STANDARD
 from stadera.logs import write_table
 from stadera.trunk.memory import Memory
 from stadera.weigh.settings import TestWeight

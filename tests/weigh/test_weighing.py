@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 import stadera
 from stadera.errors import IdentificationError, UntrustedError
 from stadera.inertia import InertialParameters
-from stadera.lab.plant import STANDARD
+from stadera.lab.plant.sensors import STANDARD
 from stadera.logs import LogFile, Recording, write_table
 from stadera.logs.recording import take
 from stadera.logs.tables.arrow import ParquetTable

@@ -8,10 +8,16 @@ import numpy as np
 import pytest
 
 from lab.control.testbed import robot_named
-from stadera.lab.control import Crawl, CrawlCommand, CrawlPhase, TestBed, TrunkController, WalkMonitor
-from stadera.lab.control import walk as walk_on
-from stadera.lab.control.steps import CrawlError, CrawlSettings
-from stadera.lab.plant import IDEAL, STANDARD, Plant, RigidMass, SensorErrors, Sensors, Stones, Terrain, VirtualForce
+from stadera.lab.control.crawl import Crawl, CrawlPhase
+from stadera.lab.control.monitor import WalkMonitor
+from stadera.lab.control.monitor import walk as walk_on
+from stadera.lab.control.stand import TestBed
+from stadera.lab.control.steps import CrawlCommand, CrawlError, CrawlSettings
+from stadera.lab.control.trunk import TrunkController
+from stadera.lab.plant.payload import RigidMass, VirtualForce
+from stadera.lab.plant.plant import Plant
+from stadera.lab.plant.sensors import IDEAL, STANDARD, SensorErrors, Sensors
+from stadera.lab.plant.terrain import Stones, Terrain
 from stadera.robot import Robot
 from stadera.robot.stance import standing_configuration
 from stadera.trunk import TrunkModel

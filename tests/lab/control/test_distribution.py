@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from stadera.lab.control.distribution import ContactLimits, ForceDistribution
-from stadera.lab.plant import Terrain
+from stadera.lab.plant.terrain import Terrain
 
 LEVERS = np.array([[0.37, 0.2, -0.6], [0.36, -0.22, -0.62], [-0.38, 0.21, -0.59], [-0.37, -0.2, -0.6]])
 FRICTION, LEAST, WEIGHT, LENGTH = 0.6, 17.0, 850.0, 0.42

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from stadera.lab.control import TestBed, TrunkController
 from stadera.lab.control.legs import foot_jacobians
-from stadera.lab.control.trunk import LegOdometry
-from stadera.lab.plant import Plant, Sensors
-from stadera.lab.plant.sensors import IDEAL
+from stadera.lab.control.stand import TestBed
+from stadera.lab.control.trunk import LegOdometry, TrunkController
+from stadera.lab.plant.plant import Plant
+from stadera.lab.plant.sensors import IDEAL, Sensors
 from stadera.robot import load_robot
 from stadera.robot.kinematics import foot_positions
 from stadera.robot.stance import standing_configuration

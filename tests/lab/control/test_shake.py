@@ -8,8 +8,10 @@ import pytest
 
 from lab.control.testbed import ROBOTS, bed, robot_named
 from stadera.errors import ModelError
-from stadera.lab.control import Shake, TestBed, TrunkController, TrunkPose
-from stadera.lab.plant import STANDARD
+from stadera.lab.control.reference import Shake, TrunkPose
+from stadera.lab.control.stand import TestBed
+from stadera.lab.control.trunk import TrunkController
+from stadera.lab.plant.sensors import STANDARD
 
 
 @pytest.mark.parametrize("name", ROBOTS)

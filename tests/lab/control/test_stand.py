@@ -8,10 +8,12 @@ from scipy.optimize import fsolve
 from scipy.spatial.transform import Rotation
 
 from lab.control.testbed import ROBOTS, bed, load_of, moved, robot_named
-from stadera.lab.control import TrunkGains, TrunkPose
-from stadera.lab.control.trunk import composite
+from stadera.lab.control.reference import TrunkPose
+from stadera.lab.control.trunk import TrunkGains, composite
 from stadera.lab.laws.static import MassEstimator, MassSettings
-from stadera.lab.plant import STANDARD, Terrain, VirtualForce
+from stadera.lab.plant.payload import VirtualForce
+from stadera.lab.plant.sensors import STANDARD
+from stadera.lab.plant.terrain import Terrain
 from stadera.robot.stance import standing_configuration
 from stadera.trunk import ContactForceEstimator, TrunkModel
 

@@ -9,12 +9,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lab.control.testbed import ROBOTS, bed, robot_named
-from stadera.lab.control import TestBed, TrunkController, TrunkPose
 from stadera.lab.control.legs import LegDynamics
-from stadera.lab.control.reference import Move
+from stadera.lab.control.reference import Move, TrunkPose
+from stadera.lab.control.stand import TestBed
 from stadera.lab.control.swing import SwingTrajectory
+from stadera.lab.control.trunk import TrunkController
 from stadera.lab.pinocchio import pinocchio_model
-from stadera.lab.plant import HARSH, STANDARD
+from stadera.lab.plant.sensors import HARSH, STANDARD
 from stadera.robot.kinematics import foot_positions
 from stadera.robot.stance import standing_configuration
 

@@ -8,9 +8,11 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from lab.control.testbed import robot_named
-from stadera.lab.control import TestBed, Trot
-from stadera.lab.control.trot import TrotSettings
-from stadera.lab.plant import HARSH, IDEAL, Plant, RigidMass, SensorErrors, Sensors, estimator_model, plant_model
+from stadera.lab.control.stand import TestBed
+from stadera.lab.control.trot import Trot, TrotSettings
+from stadera.lab.plant.payload import RigidMass
+from stadera.lab.plant.plant import Plant
+from stadera.lab.plant.sensors import HARSH, IDEAL, SensorErrors, Sensors, estimator_model, plant_model
 from stadera.robot import Robot
 from stadera.robot.stance import standing_configuration
 from stadera.trunk import TrunkBounds, TrunkModel

@@ -10,11 +10,11 @@ import pytest
 
 from lab.control.testbed import ROBOTS, bed, load_of, robot_named
 from stadera.inertia import skew
-from stadera.lab.control import ControlError, TrunkController, TrunkPose
 from stadera.lab.control.legs import LegDynamics
-from stadera.lab.control.trunk import SmoothTrunk
+from stadera.lab.control.reference import ControlError, TrunkPose
+from stadera.lab.control.trunk import SmoothTrunk, TrunkController
 from stadera.lab.pinocchio import pinocchio_model
-from stadera.lab.plant import Terrain
+from stadera.lab.plant.terrain import Terrain
 from stadera.robot import Robot
 from stadera.robot.kinematics import foot_positions
 from stadera.robot.stance import standing_configuration

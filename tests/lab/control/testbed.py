@@ -9,9 +9,13 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from stadera.errors import MissingExtraError
-from stadera.lab.control import TestBed, TrunkController
-from stadera.lab.plant import IDEAL, Payload, Plant, RigidMass, SensorErrors, Sensors, Terrain, TrueState
-from stadera.lab.plant.sensors import plant_model
+from stadera.lab.control.stand import TestBed
+from stadera.lab.control.trunk import TrunkController
+from stadera.lab.plant.payload import Payload, RigidMass
+from stadera.lab.plant.plant import Plant
+from stadera.lab.plant.sensors import IDEAL, SensorErrors, Sensors, plant_model
+from stadera.lab.plant.terrain import Terrain
+from stadera.lab.plant.world import TrueState
 from stadera.robot import Robot, load_robot
 from stadera.robot.stance import standing_configuration
 from stadera.trunk import Estimator, TrunkBounds, TrunkModel

@@ -6,10 +6,14 @@ import numpy as np
 import pinocchio as pin
 
 from stadera.inertia import skew
-from stadera.lab.control import Crawl, CrawlCommand, TestBed, TrunkController
+from stadera.lab.control.crawl import Crawl
+from stadera.lab.control.stand import TestBed
+from stadera.lab.control.steps import CrawlCommand
+from stadera.lab.control.trunk import TrunkController
 from stadera.lab.experiments.inertial_share import InertialTorques
 from stadera.lab.pinocchio import pinocchio_model
-from stadera.lab.plant import IDEAL, Plant, Sensors
+from stadera.lab.plant.plant import Plant
+from stadera.lab.plant.sensors import IDEAL, Sensors
 from stadera.robot import load_robot
 from stadera.robot.stance import standing_configuration
 

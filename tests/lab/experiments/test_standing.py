@@ -23,7 +23,7 @@ from stadera.lab.experiments.standing import (
     stand,
     start_model,
 )
-from stadera.lab.plant import Gaussian
+from stadera.lab.plant.sensors import Gaussian
 from stadera.robot import load_robot
 from stadera.trunk import TrunkModel
 

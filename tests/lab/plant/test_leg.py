@@ -9,7 +9,7 @@ import pytest
 
 from lab.plant.reference import inverse_dynamics
 from stadera.errors import ModelError
-from stadera.lab.plant import Gains, perturbed, simulate_leg
+from stadera.lab.plant.leg import Gains, perturbed, simulate_leg
 from stadera.logs import Recording
 from stadera.robot import JointDynamics, JointLimits, Robot, load_robot
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from stadera.errors import ModelError
-from stadera.lab.plant import perturbed, perturbed_physical
+from stadera.lab.plant.leg import perturbed, perturbed_physical
 from stadera.lab.plant.model import least_leg_eigenvalue
 from stadera.robot import Robot, load_robot
 

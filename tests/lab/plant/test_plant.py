@@ -11,16 +11,10 @@ import pytest
 from lab.plant.reference import pinocchio_model
 from stadera.errors import MissingExtraError, ModelError
 from stadera.inertia import InertialParameters, skew
-from stadera.lab.plant import (
-    DroppedBox,
-    OutsideForce,
-    Plant,
-    RigidMass,
-    SimulationError,
-    Terrain,
-    TrueState,
-    VirtualForce,
-)
+from stadera.lab.plant.payload import DroppedBox, OutsideForce, RigidMass, VirtualForce
+from stadera.lab.plant.plant import Plant, SimulationError
+from stadera.lab.plant.terrain import Terrain
+from stadera.lab.plant.world import TrueState
 from stadera.robot import JointDynamics, JointLimits, Robot, load_robot
 from stadera.robot.kinematics import foot_positions, forward_kinematics
 from stadera.robot.stance import standing_configuration

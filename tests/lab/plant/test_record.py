@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from stadera.errors import RecordingError
-from stadera.lab.plant import STANDARD, Plant, Sensors, recording_of, truth_of
+from stadera.lab.plant.plant import Plant
+from stadera.lab.plant.sensors import STANDARD, Sensors, recording_of, truth_of
 from stadera.robot import load_robot
 from stadera.robot.stance import standing_configuration
 

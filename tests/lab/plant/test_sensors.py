@@ -9,12 +9,12 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from stadera.errors import ModelError, UnknownNameError
-from stadera.lab.plant import (
+from stadera.lab.plant.plant import Plant
+from stadera.lab.plant.sensors import (
     HARSH,
     IDEAL,
     STANDARD,
     Gaussian,
-    Plant,
     SensorErrors,
     SensorReading,
     Sensors,

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from stadera.lab.plant import Plant, Stones, Terrain
+from stadera.lab.plant.plant import Plant
+from stadera.lab.plant.terrain import Stones, Terrain
 from stadera.robot import load_robot
 from stadera.robot.stance import standing_configuration
 

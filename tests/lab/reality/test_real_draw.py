@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from stadera.lab.plant import Plant
 from stadera.lab.plant.model import DryFriction
+from stadera.lab.plant.plant import Plant
 from stadera.lab.plant.sensors import effort_limits
 from stadera.lab.plant.world import TrueState
-from stadera.lab.reality import REAL_SETS, DrawnRobot, RealSizes, TrueMotion, drawn, measured_log
+from stadera.lab.reality.draw import REAL_SETS, DrawnRobot, RealSizes, drawn
+from stadera.lab.reality.log import TrueMotion, measured_log
 from stadera.lab.scenarios.catalog import SimulateSettings
 from stadera.lab.scenarios.run import Run, simulate
 from stadera.lab.truth import truth_json

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from stadera.constants import GRAVITY
-from stadera.lab.plant import OutsideForce, Tray
+from stadera.lab.plant.payload import OutsideForce, Tray
 from stadera.logs import Imu, Recording, take
 from stadera.robot.model import Leg, Robot
 from stadera.types import Array

@@ -29,7 +29,7 @@ from stadera.lab.experiments.runner import (
     ReproduceSettings,
     grouped,
 )
-from stadera.lab.plant import SimulationError
+from stadera.lab.plant.plant import SimulationError
 from stadera.lab.scenarios.catalog import Load, SimulateSettings
 from stadera.lab.scenarios.run import simulate, stored
 from stadera.lab.truth import Truth

@@ -7,11 +7,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stadera.lab.control import TestBed, TrunkController
+from stadera.lab.control.stand import TestBed
+from stadera.lab.control.trunk import TrunkController
 from stadera.lab.experiments.runner import ExperimentResult, Paper, Record, ReproduceSettings
 from stadera.lab.experiments.standing import load_point
 from stadera.lab.laws.recursive import ContactCom, LawSettings, settling_time
-from stadera.lab.plant import IDEAL, Plant, Sensors, VirtualForce
+from stadera.lab.plant.payload import VirtualForce
+from stadera.lab.plant.plant import Plant
+from stadera.lab.plant.sensors import IDEAL, Sensors
 from stadera.report.figures import Axis, Figure, Guide, Panel, Series, line, stacked
 from stadera.report.table import Cell, TableData
 from stadera.robot import load_robot

@@ -27,10 +27,16 @@ import numpy as np
 from stadera.constants import GRAVITY
 from stadera.errors import StaderaError
 from stadera.inertia import skew
-from stadera.lab.control import Crawl, CrawlCommand, CrawlPhase, TestBed, TrunkController, WalkMonitor, walk
+from stadera.lab.control.crawl import Crawl, CrawlPhase
 from stadera.lab.control.legs import LegDynamics
+from stadera.lab.control.monitor import WalkMonitor, walk
+from stadera.lab.control.stand import TestBed
+from stadera.lab.control.steps import CrawlCommand
+from stadera.lab.control.trunk import TrunkController
 from stadera.lab.experiments.runner import ExperimentResult, Paper, Record, ReproduceSettings
-from stadera.lab.plant import IDEAL, Plant, Sensors, TrueState
+from stadera.lab.plant.plant import Plant
+from stadera.lab.plant.sensors import IDEAL, Sensors
+from stadera.lab.plant.world import TrueState
 from stadera.report.figures import Axis, Figure, Panel, line
 from stadera.report.table import Cell, Row, TableData
 from stadera.robot import Robot, load_robot

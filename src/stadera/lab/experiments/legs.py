@@ -23,7 +23,8 @@ from stadera.identify.result import MODELS, Identification, LegIdentification, T
 from stadera.identify.settings import IdentifySettings
 from stadera.lab.experiments.runner import CaseValues, ExperimentResult, Paper, Record, ReproduceSettings
 from stadera.lab.laws.paper_draw import paper_draw
-from stadera.lab.plant import STANDARD, Gains, measured, perturbed, perturbed_physical, simulate_leg
+from stadera.lab.plant.leg import Gains, perturbed, perturbed_physical, simulate_leg
+from stadera.lab.plant.sensors import STANDARD, measured
 from stadera.logs import Recording
 from stadera.logs.recording import concatenate
 from stadera.logs.topics import example

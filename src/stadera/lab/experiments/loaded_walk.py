@@ -25,22 +25,16 @@ import numpy as np
 
 from stadera.constants import GRAVITY
 from stadera.inertia import InertialParameters
-from stadera.lab.control import Crawl, CrawlCommand, CrawlPhase, TestBed, TrunkController
 from stadera.lab.control.com_plan import PlanError
+from stadera.lab.control.crawl import Crawl, CrawlPhase
 from stadera.lab.control.monitor import Fall, WalkMonitor
 from stadera.lab.control.reference import ControlError
-from stadera.lab.plant import (
-    STANDARD,
-    DroppedBox,
-    Payload,
-    Plant,
-    RigidMass,
-    SensorErrors,
-    Sensors,
-    SimulationError,
-)
-from stadera.lab.plant.payload import Tray
-from stadera.lab.plant.sensors import estimator_model, plant_model
+from stadera.lab.control.stand import TestBed
+from stadera.lab.control.steps import CrawlCommand
+from stadera.lab.control.trunk import TrunkController
+from stadera.lab.plant.payload import DroppedBox, Payload, RigidMass, Tray
+from stadera.lab.plant.plant import Plant, SimulationError
+from stadera.lab.plant.sensors import STANDARD, SensorErrors, Sensors, estimator_model, plant_model
 from stadera.lab.supervise.supervisor import Mode, NonstopSupervisor, StoppingSupervisor, Transition
 from stadera.robot import Robot, load_robot
 from stadera.robot.stance import standing_configuration

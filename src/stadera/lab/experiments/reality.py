@@ -32,7 +32,8 @@ from stadera.lab.experiments.runner import (
     crossed,
     grouped,
 )
-from stadera.lab.plant import SimulationError, Tray
+from stadera.lab.plant.payload import Tray
+from stadera.lab.plant.plant import SimulationError
 from stadera.lab.scenarios.catalog import Load, SimulateSettings
 from stadera.lab.scenarios.run import simulate, stored, swing
 from stadera.lab.truth import Truth

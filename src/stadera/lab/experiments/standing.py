@@ -16,14 +16,18 @@ from functools import cache
 
 import numpy as np
 
-from stadera.lab.control import TestBed, TrunkController, TrunkPose
+from stadera.lab.control.reference import TrunkPose
+from stadera.lab.control.stand import TestBed
+from stadera.lab.control.trunk import TrunkController
 from stadera.lab.laws.orientation import OrientationCom, PostureLaw
 from stadera.lab.laws.poses import PosesCom
 from stadera.lab.laws.recursive import ContactCom, RecursiveCom
 from stadera.lab.laws.static import MassEstimator
 from stadera.lab.laws.static_poses import PoseOffset, static_poses
-from stadera.lab.plant import IDEAL, Gaussian, Plant, SensorErrors, Sensors, Terrain, VirtualForce
-from stadera.lab.plant.sensors import plant_model
+from stadera.lab.plant.payload import VirtualForce
+from stadera.lab.plant.plant import Plant
+from stadera.lab.plant.sensors import IDEAL, Gaussian, SensorErrors, Sensors, plant_model
+from stadera.lab.plant.terrain import Terrain
 from stadera.robot import Robot, load_robot
 from stadera.robot.stance import standing_configuration
 from stadera.trunk import ContactForceEstimator, Estimator, Measurement, Status, TrunkModel

@@ -21,7 +21,7 @@ from stadera.lab.experiments.standing import (
 from stadera.lab.laws.poses import WIDE_FOOT, WIDE_TORQUE
 from stadera.lab.laws.static import stated_errors
 from stadera.lab.laws.static_poses import PoseOffset, expected_covariance
-from stadera.lab.plant import Gaussian, SensorErrors
+from stadera.lab.plant.sensors import Gaussian, SensorErrors
 from stadera.report.table import TableData
 from stadera.robot import Robot, load_robot
 from stadera.trunk.standing.forces import ForceNoise

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from stadera.errors import StaderaError
-from stadera.lab.control import TrunkPose
+from stadera.lab.control.reference import TrunkPose
 from stadera.lab.experiments.loaded_walk import LoadedWalk, LoadedWalkCase, weight_at
 from stadera.lab.experiments.runner import ExperimentResult, Outcome, Paper, Record, ReproduceSettings
 from stadera.lab.laws.static_poses import PoseOffset

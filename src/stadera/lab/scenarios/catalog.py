@@ -12,8 +12,8 @@ import numpy as np
 
 from stadera.constants import GRAVITY
 from stadera.errors import StaderaError, UnknownNameError, positive
-from stadera.lab.control import Crawl
 from stadera.lab.control.arms import Arms, ArmTorques
+from stadera.lab.control.crawl import Crawl
 from stadera.lab.control.played import Played
 from stadera.lab.control.reference import Shake, TrunkPose
 from stadera.lab.control.stand import Controller, TestBed
@@ -22,11 +22,10 @@ from stadera.lab.control.trot import Trot
 from stadera.lab.control.trunk import TrunkController
 from stadera.lab.control.whole_body import WholeBody
 from stadera.lab.laws.static_poses import static_poses
-from stadera.lab.plant import OutsideForce, SensorErrors, sensor_errors
-from stadera.lab.plant.payload import Payload, RigidMass, VirtualForce
-from stadera.lab.plant.sensors import ERROR_SETS
+from stadera.lab.plant.payload import OutsideForce, Payload, RigidMass, VirtualForce
+from stadera.lab.plant.sensors import ERROR_SETS, SensorErrors, sensor_errors
 from stadera.lab.plant.whole import on_link
-from stadera.lab.reality import REAL_SETS, RealSizes
+from stadera.lab.reality.draw import REAL_SETS, RealSizes
 from stadera.logs.recording import Recording
 from stadera.robot.model import Robot
 from stadera.trunk.model import TrunkBounds, TrunkModel

@@ -19,28 +19,28 @@ from stadera.errors import IdentificationError
 from stadera.excite.bounds import LegBounds, fitting_factor
 from stadera.excite.sinusoids import Sinusoids
 from stadera.inertia import InertialParameters
-from stadera.lab.control import Falls, TestBed
 from stadera.lab.control.arms import Arms
+from stadera.lab.control.monitor import Falls
+from stadera.lab.control.stand import TestBed
 from stadera.lab.laws.paper_draw import paper_draw
-from stadera.lab.plant import (
-    Gains,
-    Plant,
-    RigidMass,
+from stadera.lab.plant.leg import Gains, simulate_leg
+from stadera.lab.plant.model import DryFriction
+from stadera.lab.plant.payload import RigidMass
+from stadera.lab.plant.plant import Plant
+from stadera.lab.plant.sensors import (
     SensorReading,
     Sensors,
-    Stones,
-    Terrain,
-    TrueState,
     estimator_model,
     measured,
     plant_model,
     recording_of,
-    simulate_leg,
     truth_of,
 )
-from stadera.lab.plant.model import DryFriction
+from stadera.lab.plant.terrain import Stones, Terrain
 from stadera.lab.plant.whole import as_loaded, whole_robot
-from stadera.lab.reality import DrawnRobot, TrueMotion, drawn, measured_log, with_usual_drives
+from stadera.lab.plant.world import TrueState
+from stadera.lab.reality.draw import DrawnRobot, drawn, with_usual_drives
+from stadera.lab.reality.log import TrueMotion, measured_log
 from stadera.lab.scenarios.catalog import (
     DEFAULTS,
     SWING,
