@@ -9,6 +9,7 @@ from contextvars import ContextVar
 from dataclasses import dataclass, field
 from os import PathLike
 from pathlib import Path
+from typing import Any
 
 from stadera.errors import StaderaError
 
@@ -119,6 +120,20 @@ def _put_in_place(names: Mapping[Path, AnyPath], targets: Sequence[Path], gate: 
 def write_text(path: Path, text: str) -> None:
     """Writes UTF-8. Bytes that are not valid characters, as in some file names, are escaped as in JSON (\\udcff)."""
     path.write_text(text, encoding="utf-8", errors="backslashreplace")
+
+
+def filled(template: Path, **values: Any) -> str:
+    """The text of a jinja2 template, lines of which that hold a block alone are dropped."""
+    from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+    environment = Environment(
+        loader=FileSystemLoader(template.parent),
+        undefined=StrictUndefined,
+        keep_trailing_newline=True,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    return environment.get_template(template.name).render(values)
 
 
 def _draft(target: Path) -> Path:

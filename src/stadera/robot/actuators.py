@@ -8,15 +8,17 @@ controller are not in a log of torques: `stiffness` and `damping` are for the re
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Sequence
 from math import isfinite
+from pathlib import Path
 
 import stadera
-from stadera.robot.model import JointDynamics, Robot
+from stadera.files import filled
+from stadera.robot.model import Robot
 
 _UNITS = {"armature": "kg·m²", "viscous": "N·m·s/rad", "coulomb": "N·m"}
 _ISAAC = {"armature": "armature", "friction": "coulomb", "dynamic_friction": "coulomb", "viscous_friction": "viscous"}
-_MJLAB = {"armature": "armature", "frictionloss": "coulomb"}
+_MJLAB = {"armature": "armature", "frictionloss": "coulomb", "joint_damping": "viscous"}
 
 
 def actuators_yaml(robot: Robot, torque_lag: float | None = None, source: str = "", notes: Sequence[str] = ()) -> str:
@@ -30,53 +32,34 @@ def actuators_yaml(robot: Robot, torque_lag: float | None = None, source: str = 
     """
     joints = robot.tree.joints
     known = {joint: _known(robot, joint) for joint in joints}
-    unknown = [f"{joint}: {', '.join(t for t in _UNITS if t not in known[joint])}" for joint in joints]
-    kept = [line for line in unknown if not line.endswith(": ")]
-    lines = [
-        f"# Drives of {robot.name}{f', identified from {source}' if source else ''}, stadera {stadera.__version__}.",
-        "# SI units, at the joint's side of the gear. Torque offsets are of the log's sensors and are left out.",
-    ]
-    if kept:
-        lines += ["# Not determined by the log, the model's value:", *(f"#   {line}" for line in kept)]
-    lines += [f"# {note}" for note in notes]
-    delay = "" if torque_lag is None else f"  # torques acted {1e3 * torque_lag:.1f} ms after their stamps"
-    named = f"[{', '.join(joints)}]"
-    lines += ["", "isaac_lab:", "  class: isaaclab.actuators.DelayedPDActuatorCfg", f"  joint_names_expr: {named}"]
-    lines += ["  stiffness: null  # of your controller", "  damping: null"]
-    lines += _table("effort_limit", _finite((j, robot.limits[j].effort) for j in joints))
-    for field, term in _ISAAC.items():
-        lines += _table(field, {joint: getattr(robot.dynamics[joint], term) for joint in joints})
-    lines += [f"  min_delay: 0{delay}", f"  max_delay: null  # {'delay' if delay else 'unknown delay'} / physics step"]
-    lines += ["", "mjlab:", "  class: mjlab.actuator.IdealPdActuatorCfg"]
-    lines += [f"  target_names_expr: {named}", "  stiffness: null", "  damping: null"]
-    lines += _table("effort_limit", _finite((j, robot.limits[j].effort) for j in joints))
-    for field, term in _MJLAB.items():
-        lines += _table(field, {joint: getattr(robot.dynamics[joint], term) for joint in joints})
-    lines += _table("joint_damping", {joint: robot.dynamics[joint].viscous for joint in joints})
-    lines += ["", "randomisation:  # value ± 2 standard deviations, not below zero"]
-    lines += _ranges(robot.dynamics, known)
-    return "\n".join(lines) + "\n"
+    unknown = {joint: [term for term in _UNITS if term not in known[joint]] for joint in joints}
+    drives = {term: {joint: getattr(robot.dynamics[joint], term) for joint in joints} for term in _UNITS}
+    ranges = {
+        term: {
+            joint: (max(value - 2.0 * known[joint][term], 0.0), value + 2.0 * known[joint][term])
+            for joint, value in values.items()
+            if term in known[joint]
+        }
+        for term, values in drives.items()
+    }
+    return filled(
+        Path(__file__).with_name("templates") / "actuators.yaml.j2",
+        robot=robot,
+        source=source,
+        version=stadera.__version__,
+        unknown={joint: terms for joint, terms in unknown.items() if terms},
+        notes=notes,
+        limits={joint: most for joint in joints if isfinite(most := robot.limits[joint].effort)},
+        lag=torque_lag,
+        isaac=_ISAAC,
+        mjlab=_MJLAB,
+        drives=drives,
+        units=_UNITS,
+        ranges=ranges,
+    )
 
 
 def _known(robot: Robot, joint: str) -> dict[str, float]:
     """Standard deviations of a joint's terms that were determined."""
     std = robot.dynamics_std.get(joint)
     return {} if std is None else {t: v for t in _UNITS if isfinite(v := getattr(std, t))}
-
-
-def _finite(values: Iterable[tuple[str, float]]) -> dict[str, float]:
-    return {name: value for name, value in values if isfinite(value)}
-
-
-def _table(name: str, values: Mapping[str, float]) -> Iterator[str]:
-    yield f"  {name}:" if values else f"  {name}: null"
-    yield from (f"    {key}: {value:.6g}" for key, value in values.items())
-
-
-def _ranges(dynamics: Mapping[str, JointDynamics], known: Mapping[str, Mapping[str, float]]) -> Iterator[str]:
-    for term, unit in _UNITS.items():
-        yield f"  {term}:  # {unit}"
-        for joint, stds in known.items():
-            if term in stds:
-                value, off = getattr(dynamics[joint], term), 2.0 * stds[term]
-                yield f"    {joint}: [{max(value - off, 0.0):.6g}, {value + off:.6g}]"

@@ -19,7 +19,7 @@ import numpy as np
 from stadera.errors import IdentificationError, UnknownNameError
 from stadera.excite.sinusoids import Sinusoids
 from stadera.excite.trunk.planted import AXES, PayloadBars, Planted
-from stadera.files import written_together
+from stadera.files import filled, written_together
 from stadera.results import Result, data_frame, finite_or_none
 from stadera.robot.model import Robot
 from stadera.types import Array
@@ -187,8 +187,6 @@ def player(routine: Routine, name: str) -> str:
         UnknownNameError: no such interface.
         IdentificationError: the motion has a coordinate that the interface does not take.
     """
-    from jinja2 import Environment, FileSystemLoader, StrictUndefined
-
     interface = interface_named(name)
     reference = routine.path.sample(interface.rate)
     moving = [axis for axis, peak in zip(AXES, np.abs(reference.position).max(axis=0), strict=True) if peak > 0.0]
@@ -198,10 +196,9 @@ def player(routine: Routine, name: str) -> str:
         )
     columns = [AXES.index(axis) for axis in interface.axes]
     speed = np.abs(reference.motion.velocity[:, columns]).max(axis=0)
-    folder = Path(__file__).with_name("players")
-    environment = Environment(loader=FileSystemLoader(folder), undefined=StrictUndefined, keep_trailing_newline=True)
     rows = ["    (" + ", ".join(f"{v:.4f}" for v in row) + ")," for row in reference.position[:, columns]]
-    return environment.get_template(f"{name}.py.j2").render(
+    return filled(
+        Path(__file__).with_name("players") / f"{name}.py.j2",
         robot=routine.robot.name,
         seconds=routine.settings.seconds,
         rate=interface.rate,
