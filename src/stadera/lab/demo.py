@@ -174,8 +174,26 @@ class DemoResult:
         return self.without, self.identified
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain values: the JSON of `stadera demo`."""
-        return demo_dict(self)
+        """Both runs as plain values: SI units, trunk frame, times relative to the drop of the box, null for unobserved
+        quantities.
+
+        Keys: robot, seed, load, without, with, runs, units. Of each run: outcome (walked, stuck or fell), reasons,
+        fell_after, distance (ahead since the load), commanded, steps_lost (null after a fall), least_margin and outside
+        (of the true centre of mass in the support polygon), mass_error and com_error (of the trunk as controller and
+        planner have it at the end, its centre of mass in x and y), trunk, truth; of the one with identification also
+        noticed_after, updated_after, known_after, payload and transitions. `runs` has both by the supervisor's name,
+        each with all of these, survived (that it walked), fall, state and steps.
+        """
+        settings, load = self.settings, true_load(self.identified.outcome)
+        return {
+            "robot": settings.robot,
+            "seed": settings.seed,
+            "load": {"mass": load.mass, "com": plain(load.com), "corner": settings.corner, "time": settings.load_at},
+            "without": _outcome(self.without.outcome),
+            "with": _outcome(self.identified.outcome) | _reaction(self.identified),
+            "runs": {run.name: _outcome(run.outcome) | _reaction(run) | _course(run.outcome) for run in self.runs},
+            "units": {"time": "s", "mass": "kg", "com": "m", "margin": "m", "distance": "m"},
+        }
 
 
 def run_demo(settings: DemoSettings | None = None, progress: Progress | None = None) -> DemoResult:
@@ -260,29 +278,6 @@ KNOWN = (0.1, 0.03)
 """Accuracy at which the trunk counts as known: two standard deviations of its mass, as a share of the robot's, and of
 its centre of mass in x and y [m].
 """
-
-
-def demo_dict(result: DemoResult) -> dict[str, Any]:
-    """Both runs as plain values: SI units, trunk frame, times relative to the drop of the box, null for unobserved
-    quantities.
-
-    Keys: robot, seed, load, without, with, runs, units. Of each run: outcome (walked, stuck or fell), reasons,
-    fell_after, distance (ahead since the load), commanded, steps_lost (null after a fall), least_margin and outside (of
-    the true centre of mass in the support polygon), mass_error and com_error (of the trunk as controller and planner
-    have it at the end, its centre of mass in x and y), trunk, truth; of the one with identification also noticed_after,
-    updated_after, known_after, payload and transitions. `runs` has both by the supervisor's name, each with all
-    of these, survived (that it walked), fall, state and steps.
-    """
-    settings, load = result.settings, true_load(result.identified.outcome)
-    return {
-        "robot": settings.robot,
-        "seed": settings.seed,
-        "load": {"mass": load.mass, "com": plain(load.com), "corner": settings.corner, "time": settings.load_at},
-        "without": _outcome(result.without.outcome),
-        "with": _outcome(result.identified.outcome) | _reaction(result.identified),
-        "runs": {run.name: _outcome(run.outcome) | _reaction(run) | _course(run.outcome) for run in result.runs},
-        "units": {"time": "s", "mass": "kg", "com": "m", "margin": "m", "distance": "m"},
-    }
 
 
 def _outcome(outcome: LoadedWalkOutcome) -> dict[str, Any]:

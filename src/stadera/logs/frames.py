@@ -102,52 +102,39 @@ def write_table(recording: Recording | Iterable[Recording], path: str | PathLike
         RecordingError: another suffix, no recording, or chunks with different columns.
         StaderaError: the folder does not exist or is not writable.
     """
-    path = Path(path)
-    if path.suffix.lower() not in SUFFIXES:
-        raise RecordingError(f"{path}: a table is written as one of {', '.join(SUFFIXES)}")
-    with written_together([path]) as (draft,):
-        _write(iter([recording] if isinstance(recording, Recording) else recording), draft, path)
-    return path
+    _write(map(to_arrow, [recording] if isinstance(recording, Recording) else recording), Path(path))
+    return Path(path)
 
 
 def write_columns(columns: Mapping[str, Array], path: str | PathLike[str]) -> None:
-    """Writes columns (n,) by name as a table, CSV or Parquet according to the suffix. Raises RecordingError: another
-    suffix, StaderaError: the folder does not exist or is not writable.
-    """
+    """Writes columns (n,) by name as a table; errors as `write_table`."""
     import pyarrow as pa
+
+    _write(iter([pa.table(dict(columns))]), Path(path))
+
+
+def _write(tables: Iterator[pa.Table], path: Path) -> None:
     from pyarrow import csv as pacsv
     from pyarrow import parquet
 
-    if Path(path).suffix.lower() not in SUFFIXES:
+    if path.suffix.lower() not in SUFFIXES:
         raise RecordingError(f"{path}: a table is written as one of {', '.join(SUFFIXES)}")
-    table = pa.table(dict(columns))
     with written_together([path]) as (draft,):
-        if Path(path).suffix.lower() == ".csv":
-            pacsv.write_csv(table, draft, pacsv.WriteOptions(quoting_header="none"))
+        head = next(tables, None)
+        if head is None:
+            raise RecordingError(f"{path}: nothing to write")
+        if unfit := next((name for name in head.column_names if any(sign in name for sign in ',"\n\r')), None):
+            raise RecordingError(f"{path}: column {unfit!r} has a comma, quote or line break in its name")
+        if path.suffix.lower() == ".csv":
+            writer = pacsv.CSVWriter(draft, head.schema, write_options=pacsv.WriteOptions(quoting_header="none"))
         else:
-            parquet.write_table(table, draft)
-
-
-def _write(chunks: Iterator[Recording], draft: Path, path: Path) -> None:
-    from pyarrow import csv as pacsv
-    from pyarrow import parquet
-
-    first = next(chunks, None)
-    if first is None:
-        raise RecordingError(f"{path}: nothing to write")
-    head = to_arrow(first)
-    if unfit := next((name for name in head.column_names if any(sign in name for sign in ',"\n\r')), None):
-        raise RecordingError(f"{path}: column {unfit!r} has a comma, quote or line break in its name")
-    if path.suffix.lower() == ".csv":
-        writer = pacsv.CSVWriter(draft, head.schema, write_options=pacsv.WriteOptions(quoting_header="none"))
-    else:
-        writer = parquet.ParquetWriter(draft, head.schema, use_dictionary=False)
-    with writer:
-        for table in chain([head], map(to_arrow, chunks)):
-            if table.schema != head.schema:
-                raise RecordingError(f"{path}: chunks differ in their columns")
-            for batch in table.to_batches(MOST_ROWS):
-                writer.write_batch(batch)
+            writer = parquet.ParquetWriter(draft, head.schema, use_dictionary=False)
+        with writer:
+            for table in chain([head], tables):
+                if table.schema != head.schema:
+                    raise RecordingError(f"{path}: chunks differ in their columns")
+                for batch in table.to_batches(MOST_ROWS):
+                    writer.write_batch(batch)
 
 
 def to_arrow(recording: Recording) -> pa.Table:

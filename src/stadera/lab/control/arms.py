@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
+from stadera.lab.control.reference import eased
 from stadera.lab.pinocchio import pinocchio_model
 from stadera.robot.model import Robot
 from stadera.types import Array
@@ -35,10 +36,8 @@ class Arms:
 
     def at(self, time: float) -> tuple[Array, Array, Array]:
         """Positions, velocities and accelerations at a time [s], (k,) each."""
-        late, ease, w, amplitude = max(time, 0.0), self.ease, self._omega, self._amplitude
-        x = min(late / ease, 1.0)
-        e = x**3 * (10.0 - 15.0 * x + 6.0 * x * x)
-        e_1, e_2 = 30.0 * (x * (1.0 - x)) ** 2 / ease, 60.0 * x * (1.0 - x) * (1.0 - 2.0 * x) / ease**2
+        late, w, amplitude = max(time, 0.0), self._omega, self._amplitude
+        e, e_1, e_2 = eased(min(late, self.ease), self.ease)
         s, c = amplitude * np.sin(w * late), amplitude * w * np.cos(w * late)
         return e * s, e * c + e_1 * s, -e * w * w * s + 2.0 * e_1 * c + e_2 * s
 

@@ -179,7 +179,7 @@ class Shake:
         sine, cosine = weights * np.sin(phase), weights * np.cos(phase)
         x, rate, rate_2 = sine @ _ONES, (_OMEGA * cosine) @ _ONES, (-_OMEGA * _OMEGA * sine) @ _ONES
         if late < self.ease:
-            e, e_1, e_2 = _eased(late, self.ease)
+            e, e_1, e_2 = eased(late, self.ease)
             rate_2 = e * rate_2 + 2.0 * e_1 * rate + e_2 * x
             rate, x = e * rate + e_1 * x, e * x
         return TrunkPose(
@@ -191,8 +191,8 @@ class Shake:
         )
 
 
-def _eased(late: float, ease: float) -> tuple[float, float, float]:
-    """e and its first two derivatives."""
+def eased(late: float, ease: float) -> tuple[float, float, float]:
+    """The smooth step e from 0 to 1 within a time `ease` [s], and its first two derivatives, `late` [s] in it."""
     x = late / ease
     return (
         x**3 * (10.0 - 15.0 * x + 6.0 * x * x),
