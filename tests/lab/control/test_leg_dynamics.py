@@ -8,7 +8,7 @@ import pytest
 from stadera.body import Body, Motion
 from stadera.body.friction import direction
 from stadera.errors import MissingExtraError
-from stadera.lab.control.legs import JointFriction, LegDynamics, foot_jacobians, joint_columns
+from stadera.lab.control.legs import LegDynamics, foot_jacobians, joint_columns
 from stadera.robot import JointDynamics, Robot, load_robot
 from stadera.robot.kinematics import foot_positions
 from stadera.robot.stance import standing_configuration
@@ -32,12 +32,13 @@ def test_one_sample_by_pinocchio_is_that_of_the_kernel(name: str) -> None:
     """Kinematics, weight, and torques of a turning trunk."""
     robot = robot_named(name)
     body, single, q, columns = Body.of(robot), LegDynamics(robot), configurations(robot), joint_columns(robot)
-    rng, friction = np.random.default_rng(1), JointFriction.of(robot)
+    rng = np.random.default_rng(1)
     rate, omega, force = rng.standard_normal(q.shape), *rng.standard_normal((2, len(q), 3))
     up = force / np.linalg.norm(force, axis=1, keepdims=True)
     motion = Motion(q, rate, np.zeros_like(q), omega, np.zeros((len(q), 3)), force, up)
     state = body.at(motion)
     many = body.left(state, motion, np.zeros_like(q)).reshape(-1, 4, 3)
+    friction = body.friction(rate, rate)[:, columns]
     for k in range(len(q)):
         one = single.at(q[k], rate[k], omega[k], force[k])
         np.testing.assert_allclose(state.feet[k], one.feet, atol=1e-12)
@@ -46,7 +47,7 @@ def test_one_sample_by_pinocchio_is_that_of_the_kernel(name: str) -> None:
         by_torque = state.to_wrench[k][columns][..., :3].swapaxes(1, 2)
         np.testing.assert_allclose(by_torque, np.linalg.inv(J.swapaxes(1, 2)), rtol=1e-8, atol=1e-8)
         np.testing.assert_allclose(state.volume[k], np.linalg.det(J), atol=1e-12)
-        np.testing.assert_allclose(many[k], one.bias + friction.torque(rate[k, columns]), atol=1e-10)
+        np.testing.assert_allclose(many[k], one.bias + friction[k], atol=1e-10)
 
 
 def test_jacobians_are_slopes_of_the_feet() -> None:
@@ -63,7 +64,6 @@ def test_jacobians_are_slopes_of_the_feet() -> None:
 
 def test_friction_opposes_the_motion_by_one_law() -> None:
     robot = robot_named("hyq")
-    friction = JointFriction.of(robot)
-    velocity = np.array([[0.0, 1.0, -1.0]] * 4)
-    np.testing.assert_allclose(friction.torque(velocity), [[0.2, 1.0, -0.6]] * 4, atol=1e-12)
+    velocity = np.array([0.0, 1.0, -1.0] * 4)
+    np.testing.assert_allclose(Body.of(robot).friction(velocity, velocity), [0.2, 1.0, -0.6] * 4, atol=1e-12)
     np.testing.assert_array_equal(direction(-velocity), -direction(velocity))

@@ -15,13 +15,11 @@ unit rate, where v_j is that of the link's point at the trunk's origin.
 """
 
 from dataclasses import dataclass
-from typing import Self
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike, NDArray
 
-from stadera.body.friction import direction
 from stadera.inertia import skew
 from stadera.lab.pinocchio import pinocchio_model
 from stadera.robot.kinematics import checked_angles, leg_kinematics
@@ -167,26 +165,3 @@ def foot_jacobians(robot: Robot, q: ArrayLike) -> Array:
 def joint_columns(robot: Robot) -> NDArray[np.int_]:
     """Index of each leg's joints, from the trunk outwards, in the tree's order, (4, 3)."""
     return np.array([[robot.tree.joints.index(joint) for joint in leg.joints] for leg in robot.legs])
-
-
-@dataclass(frozen=True, eq=False)
-class JointFriction:
-    """Friction [N·m·s/rad, N·m] and torque offsets [N·m] of a robot's legs, each (4, 3), by leg and joint."""
-
-    viscous: Array
-    coulomb: Array
-    offset: Array
-
-    @classmethod
-    def of(cls, robot: Robot) -> Self:
-        """Friction and offsets of a robot's model."""
-        dynamics = [[robot.dynamics[joint] for joint in leg.joints] for leg in robot.legs]
-        terms = np.array([[(d.viscous, d.coulomb, d.offset) for d in leg] for leg in dynamics])
-        return cls(*np.moveaxis(terms, -1, 0))
-
-    def torque(self, velocity: Array) -> Array:
-        """Torque of friction and offsets at joint velocities (..., 4, 3) [rad/s], (..., 4, 3) [N·m]."""
-        torque = self.viscous * velocity + self.offset
-        if self.coulomb.any():
-            torque += self.coulomb * direction(velocity)
-        return np.asarray(torque)

@@ -29,8 +29,9 @@ from math import isfinite
 import numpy as np
 from numpy.typing import NDArray
 
+from stadera.body import Body
 from stadera.constants import GRAVITY
-from stadera.lab.control.legs import JointFriction, LegMotion, LegState, foot_jacobians
+from stadera.lab.control.legs import LegMotion, LegState, foot_jacobians
 from stadera.robot.model import Robot
 from stadera.robot.stance import standing_configuration
 from stadera.trunk.measurement import Measurement
@@ -117,7 +118,7 @@ class SwingLegs:
 
     def __init__(self, robot: Robot, columns: NDArray[np.int_], settings: SwingLegSettings | None = None) -> None:
         self.settings = how = settings or SwingLegSettings()
-        self._friction = JointFriction.of(robot)
+        self._body = Body.of(robot, others=False)
         self._columns = columns
         self._least = how.touch * robot.mass * GRAVITY
         nominal = np.linalg.norm(foot_jacobians(robot, standing_configuration(robot)[None])[0], axis=(1, 2)).max()
@@ -174,8 +175,9 @@ class SwingLegs:
         pull = wanted[:, 2] + w * w * off + 2.0 * w * (wanted[:, 1] - motion.velocity) - motion.free_acceleration
         inverse = self._inverse(state.jacobians(state.feet))
         joint = np.matvec(inverse, pull)
-        rate = measurement.joint_velocity[self._columns]
-        held = state.bias + self._friction.torque(rate)
+        velocity = measurement.joint_velocity
+        rate, friction = velocity[self._columns], self._body.friction(velocity, velocity)[self._columns]
+        held = state.bias + friction
         felt = self._felt(measurement.effort[self._columns] - held, rate, motion.inertia, dt)
         self.force = np.vecmat(felt, inverse).dot(-rotation.T)
         self.touched = self.force.dot(normal) > self._least

@@ -291,27 +291,17 @@ def with_poses(
     return known
 
 
-def with_box(known: Information, body: str, bounds: TrunkBounds, mass: float, com: Array | None = None) -> Information:
-    """Adds the weak prior on the first moment of a body of about this mass [kg]: com (3,) [m], None for the box's
-    middle, as wide as the box.
-    """
-    com = 0.5 * (np.asarray(bounds.low) + np.asarray(bounds.high)) if com is None else com
-    place, scale = known[body], 1.0 / (mass * bounds.spread[1:])
-    matrix = np.zeros((3, len(known)))
-    matrix[:, place.start] = -com * scale
-    matrix[:, place.start + 1 : place.stop] = np.diag(scale)
-    return known.add(matrix, np.zeros(3))
-
-
 def plausible(robot: Robot, start: TrunkModel, bounds: TrunkBounds) -> Information:
-    """The weak prior: mass and centre of mass around the start, as wide as uniform distributions over the plausible
-    box.
+    """The weak prior: mass and first moment around the start's, as wide as uniform distributions of mass and centre of
+    mass over the plausible box.
     """
-    empty = Information.empty(Unknowns.of(trunk=4, errors=len(constant_errors_of(robot))))
-    known = with_box(empty, "trunk", bounds, start.mass, start.com_trunk)
-    matrix = np.zeros((1, len(known)))
-    matrix[0, known["trunk"].start] = 1.0 / bounds.spread[0]
-    return known.add(matrix, np.array([start.mass / bounds.spread[0]]))
+    known = Information.empty(Unknowns.of(trunk=4, errors=len(constant_errors_of(robot))))
+    place, scale = known["trunk"], 1.0 / (start.mass * bounds.spread[1:])
+    matrix = np.zeros((4, len(known)))
+    matrix[:3, place.start] = -start.com_trunk * scale
+    matrix[:3, place.start + 1 : place.stop] = np.diag(scale)
+    matrix[3, place.start] = 1.0 / bounds.spread[0]
+    return known.add(matrix, np.array([0.0, 0.0, 0.0, start.mass / bounds.spread[0]]))
 
 
 def with_errors(known: Information, errors: ConstantErrors, *, seek: bool) -> Information:
@@ -326,8 +316,8 @@ def with_errors(known: Information, errors: ConstantErrors, *, seek: bool) -> In
     return known.add(matrix, np.zeros(count))
 
 
-def centre_of(known: Information, body: str = "trunk") -> tuple[Array, Array]:
-    """Mass [kg] and centre of mass [m] of a body (4,), and their covariance (4, 4)."""
-    moments = known.mean[known[body]]
+def centre_of(known: Information) -> tuple[Array, Array]:
+    """Mass [kg] and centre of mass [m] of the trunk (4,), and their covariance (4, 4)."""
+    moments = known.mean[known["trunk"]]
     slope = centre_slope(moments)
-    return np.array([moments[0], *moments[1:] / moments[0]]), slope @ known.covariance(body) @ slope.T
+    return np.array([moments[0], *moments[1:] / moments[0]]), slope @ known.covariance("trunk") @ slope.T

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import mujoco
 import numpy as np
@@ -167,9 +166,8 @@ def perturbed(
     """
     least = margin * least_leg_eigenvalue(robot, leg)
     for _ in range(draws):
-        candidate = _with_inertias(
-            robot, {link: _noisy(robot.inertias[link], rng, com_std, inertia_std) for link in robot.leg(leg).links}
-        )
+        links = {link: _noisy(robot.inertias[link], rng, com_std, inertia_std) for link in robot.leg(leg).links}
+        candidate = robot.with_inertias(links)
         if least_leg_eigenvalue(candidate, leg) >= least:
             return candidate
     raise ModelError(
@@ -196,7 +194,7 @@ def perturbed_physical(
         deformation = expm(rng.normal(0.0, stretch_std, (3, 3)))
         # r' = c + s + D (r - c)
         changed[link] = body.transformed(deformation, com + shift - deformation @ com)
-    return _with_inertias(robot, changed)
+    return robot.with_inertias(changed)
 
 
 def _noisy(
@@ -206,7 +204,3 @@ def _noisy(
     vector[1:4] += body.mass * rng.normal(0.0, com_std, 3)
     vector[4:] += rng.normal(0.0, inertia_std, 6)
     return InertialParameters(vector)
-
-
-def _with_inertias(robot: Robot, changed: Mapping[str, InertialParameters]) -> Robot:
-    return replace(robot, inertias={**robot.inertias, **changed})
