@@ -10,8 +10,6 @@ that turns about s and [s ; 0] for one that slides along it. So with E the trunk
 changes the trunk's rows by T_j w, where T_j = T_parent + E_j r_jᵀ and T = -1 of the trunk.
 """
 
-from __future__ import annotations
-
 from math import cos, sin, sqrt
 
 import numpy as np

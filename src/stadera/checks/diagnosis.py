@@ -12,8 +12,6 @@ Undetectable on a robot that stands still: swapped left and right or front and h
 vertical. They look right until the trunk tilts or the load shifts.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain

@@ -1,7 +1,5 @@
 """Fault hypotheses: common mistakes in logs, each with a correction, a sentence and the option that applies it."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations, permutations, product

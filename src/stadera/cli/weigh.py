@@ -1,7 +1,5 @@
 """`stadera weigh`: mass and centre of mass of a robot's trunk and of its payload; `compare`: by several methods."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated
 

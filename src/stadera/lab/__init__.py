@@ -1,7 +1,5 @@
 """The laboratory: a MuJoCo test-bed, controllers, baselines, the paper's experiments. Simulations need extra `lab`."""
 
-from __future__ import annotations
-
 from importlib.util import find_spec
 
 from stadera.errors import MissingExtraError

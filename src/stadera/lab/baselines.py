@@ -5,8 +5,6 @@ differences of the velocities over it, and the exact rows A θ = b (`stadera.bod
 the usual way, in which signals are filtered first. The ground is assumed level, at the surface of the feet's spheres.
 """
 
-from __future__ import annotations
-
 from abc import abstractmethod
 from collections import deque
 from collections.abc import Mapping, Sequence

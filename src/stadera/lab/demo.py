@@ -5,8 +5,6 @@ errors and box. In one of them a supervisor has the load weighed, and passes the
 planner: while walking or, as in the paper, at rest.
 """
 
-from __future__ import annotations
-
 import multiprocessing
 import queue
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Runs a session from start to end: messages or a replayed log in, a thread that processes them, sinks of states."""
 
-from __future__ import annotations
-
 import gc
 import threading
 import time

@@ -4,8 +4,6 @@ drops rows with blanks, checks every value, corrects the clock, cuts even chunks
 A batch is an array (columns, rows) of consecutive rows, its columns those of `Layout.columns`; a blank cell is NaN.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from itertools import chain

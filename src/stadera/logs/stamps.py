@@ -15,8 +15,6 @@ turns out to be 2 or 8 ms at stamps of 1.2 to 6 ms). In the long run time is the
 so velocities that are scaled do not stretch time.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 

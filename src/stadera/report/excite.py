@@ -1,7 +1,5 @@
 """Reports of an excitation and of a weighing routine: tables, figures, terminal and page."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator
 from math import isfinite

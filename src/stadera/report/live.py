@@ -1,7 +1,5 @@
 """Terminal output for a running robot: one screen updated in place, or a line for each event."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from math import isfinite
 

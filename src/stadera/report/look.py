@@ -1,7 +1,5 @@
 """Colours of pages and figures, light and dark, each named by its CSS variable."""
 
-from __future__ import annotations
-
 COLOURS: dict[str, tuple[str, str]] = {
     "ink": ("#20262e", "#e4e8ee"),
     "soft": ("#566170", "#a3adba"),

@@ -1,7 +1,5 @@
 """Formats numbers: significant digits, values with standard deviations, changes in percent."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from math import floor, isfinite, log10
 

@@ -6,8 +6,6 @@ their templates in a folder `templates`.
 Chromium or Chrome, if one is installed, prints a page as PDF.
 """
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess

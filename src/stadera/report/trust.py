@@ -1,7 +1,5 @@
 """Trust as text and colours, common to all results."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from math import isfinite
 from typing import Literal

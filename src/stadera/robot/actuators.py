@@ -6,8 +6,6 @@ Isaac Sim 5 on. Delays are numbers of physics steps there, so they are given in 
 controller are not in a log of torques: `stiffness` and `damping` are for the reader to fill in.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from math import isfinite
 from pathlib import Path

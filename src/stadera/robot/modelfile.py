@@ -1,7 +1,5 @@
 """Output of the model readers: a URDF or MJCF as a tree of its links, before trunk and legs are known."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property

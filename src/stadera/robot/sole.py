@@ -15,8 +15,6 @@ with all joints at zero, with which all components differ most from singular, in
 the bound.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import replace
 from functools import lru_cache

@@ -6,8 +6,6 @@ lumped, with their links, into the trunk. USD holds masses, inertias and joint v
 kept to 7 digits. Angles are in degrees there, and damping in N·m·s/deg.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from os import PathLike
 from typing import Any

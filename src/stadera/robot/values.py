@@ -2,8 +2,6 @@
 model files are one robot's: inertial parameters link by link, places, drives and limits joint by joint, feet, IMU.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import combinations_with_replacement

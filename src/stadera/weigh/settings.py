@@ -1,7 +1,5 @@
 """Settings of weighing, and what a user names: a method, a weight, a tare."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, field, fields
 from typing import TYPE_CHECKING

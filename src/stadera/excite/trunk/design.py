@@ -10,8 +10,6 @@ each is made as large as the bounds allow. All are compared under the same drawn
 come from other draws.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from functools import lru_cache
 from itertools import product

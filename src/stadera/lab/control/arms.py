@@ -1,7 +1,5 @@
 """Joints outside the legs: held where they are in the model, or swung."""
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 

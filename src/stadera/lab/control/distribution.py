@@ -20,8 +20,6 @@ is a non-negative least-squares problem (Lawson and Hanson, Solving Least Square
 which ends exactly after a few exchanges. Feet without load are excluded from both.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

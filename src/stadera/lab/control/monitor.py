@@ -1,7 +1,5 @@
 """Evaluates a run from ground truth: falls of any robot, height of the trunk, and margin of the centre of mass."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Plays a table of joint positions with a joint PD controller, as robots with their own body control do."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from stadera.constants import GRAVITY

@@ -1,7 +1,5 @@
 """Control loop of the test-bed: plant, sensors, controller and watchers, one control period after the other."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 

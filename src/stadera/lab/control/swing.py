@@ -21,8 +21,6 @@ first-order low-pass of time constant T, ⟨q̈⟩ = (q̇ - ⟨q̇⟩) / T, so f
     ⟨f⟩ = -J⁻ᵀ (⟨τ - h⟩ - M (q̇ - ⟨q̇⟩) / T)
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from math import isfinite
 

@@ -17,8 +17,6 @@ because only their corners carry. Position and velocity of the trunk follow from
 from the IMU.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pinocchio as pin
 

@@ -1,7 +1,5 @@
 """Reproductions of the paper's tables and figures, and studies: each a file, its text in the TOML, a line here."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from types import MappingProxyType
 

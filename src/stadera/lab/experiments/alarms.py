@@ -3,8 +3,6 @@
 They run errands at a trot, crawl, and sway on the spot. What is weighed is the log, with the model that comes with it.
 """
 
-from __future__ import annotations
-
 import zlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass

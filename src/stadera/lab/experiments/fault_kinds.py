@@ -3,8 +3,6 @@
 Joint, leg and time of a fault are drawn at random.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType

@@ -5,8 +5,6 @@ with each fault. A signal fault is applied to the log's arrays; an external forc
 `weigh` gets the model file, the log, and the time of the tare, which ends before the load, or the force, is applied.
 """
 
-from __future__ import annotations
-
 import zlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace

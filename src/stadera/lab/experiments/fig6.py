@@ -1,7 +1,5 @@
 """Fig. 6: a load is added to a standing robot, and contact forces determine the new centre of mass."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Humanoids and a quadruped with an arm that carry a load on the back or in a hand, weighed as a user would."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import product

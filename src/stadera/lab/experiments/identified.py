@@ -5,8 +5,6 @@ swinging in the air is added. Every figure is compared with the drawn truth. All
 log shows; it is drawn with mean one here (`real-unit-gain`).
 """
 
-from __future__ import annotations
-
 import zlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace

@@ -17,8 +17,6 @@ distribution. Then
 Neither accelerations nor the trunk's tensor is needed: w_n = G f - w_g and n_j = τ + Jᵀ f - g_j - friction.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -4,8 +4,6 @@ In simulation HyQ's right hind leg swings on a held trunk. The paper's real logs
 are a Unitree Go2 and an Aliengo on a stand, with legs in the air.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace

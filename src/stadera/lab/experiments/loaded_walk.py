@@ -14,8 +14,6 @@ The same limits hold with and without identification. The margin is not part of 
 foot it was about to lift may still walk on.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum

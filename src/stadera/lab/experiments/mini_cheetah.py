@@ -4,8 +4,6 @@ The logs are tables of a folder, one a recording, with an accelerometer (`STRAIG
 mass is not known, so logs are compared with each other and with plain least squares.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path

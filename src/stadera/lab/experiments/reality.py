@@ -3,8 +3,6 @@
 The only information on a run is the time of the tare, the last instant before the load.
 """
 
-from __future__ import annotations
-
 import zlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace

@@ -8,8 +8,6 @@ updated between poses; for methods with a separate phase for the height the trun
 truth is used for evaluation only.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache

@@ -1,7 +1,5 @@
 """Table II: the three methods on level ground, ideal sensors, three loads; and the same on other robots."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 
 import numpy as np

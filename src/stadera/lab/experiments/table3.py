@@ -1,7 +1,5 @@
 """Table III: the centre of mass from contact forces, on ramps."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 
 from stadera.lab.experiments.runner import ExperimentResult, Paper, Record, ReproduceSettings, crossed

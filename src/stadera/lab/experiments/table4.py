@@ -1,7 +1,5 @@
 """Table IV: effect of torque offsets and wrong foot positions on each method, and on the combined method."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product

@@ -1,7 +1,5 @@
 """Table V: a walking robot is loaded, stops, and is weighed by contact forces (c) and by static poses (a)."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 

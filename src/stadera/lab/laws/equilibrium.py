@@ -25,8 +25,6 @@ that is known to be in the air is excluded, and adds its joints' own equations, 
 are unknown.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import cached_property
 

@@ -30,8 +30,6 @@ is used with a lag T (its low-pass, half a period, and the mean over a period), 
 A settling time is accepted only if κ is at most a quarter of that (a gain margin of 12 dB).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

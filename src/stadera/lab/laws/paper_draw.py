@@ -10,8 +10,6 @@ amplitudes are the same share of the joint ranges as the paper's of HyQ's (95°,
 as the third's.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from itertools import product
 

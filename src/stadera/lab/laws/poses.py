@@ -11,8 +11,6 @@ is minimised over trunk θ and errors n by Gauss-Newton: the equations are linea
 nearly so in these. Each leg in the air adds three equations.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from typing import Any

@@ -35,8 +35,6 @@ first in a plane (see `RecursiveCom`), and after a tilt of the trunk along the r
 are in trunk axes, so no heading is needed.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import cached_property

@@ -9,8 +9,6 @@ with m_l the mass of the leg links in the model, whose error enters the variance
 first-order low-pass that gives the first samples full weight and restarts after every motion.
 """
 
-from __future__ import annotations
-
 from abc import abstractmethod
 from dataclasses import dataclass
 from math import exp, isnan, sqrt

@@ -12,8 +12,6 @@ The joints' viscous damping is integrated implicitly, after the contacts are sol
 timestep, standing feet chatter. The damping of real robots is a hundred times smaller.
 """
 
-from __future__ import annotations
-
 from math import isfinite
 
 import mujoco

@@ -1,7 +1,5 @@
 """The ground: a plane, level or inclined, optionally with stones of uneven height. Gravity is along -z of the world."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

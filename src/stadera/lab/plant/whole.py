@@ -1,7 +1,5 @@
 """A robot whose joints outside the legs move: in the plant they are joints of its tree as any others."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -4,8 +4,6 @@ Its true state, hidden from estimators, is read from MuJoCo. Trunk, hips and kne
 so that a fallen robot lies on them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

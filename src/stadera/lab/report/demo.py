@@ -1,7 +1,5 @@
 """Report of the demo: terminal, page and plots."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Iterator
 from dataclasses import replace

@@ -5,8 +5,6 @@ integers between each column's least and largest value, in base64: the error is 
 of a metre. -32768 marks missing values.
 """
 
-from __future__ import annotations
-
 import json
 from base64 import b64encode
 from collections.abc import Iterator

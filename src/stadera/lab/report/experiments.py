@@ -1,7 +1,5 @@
 """Report of reproduced experiments: comparison with bounds, terminal and page."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 
 from rich.console import RenderableType

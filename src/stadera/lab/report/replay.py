@@ -1,7 +1,5 @@
 """Tables, figures and page of a replay."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from stadera.lab.replay import Replay

@@ -1,7 +1,5 @@
 """Settings of a simulated run, and the catalogue of scenarios: each is a function that lists its events."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial

@@ -24,8 +24,6 @@ vertical forces f_i hold it:
 and need the torques τ_i = h_i - J_iᵀ f_i u. λ_i is the length of the edge opposite to foot i over the circumference.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import Protocol, runtime_checkable

@@ -4,8 +4,6 @@ Stamps are taken from the messages' headers. Streams with other stamps are inter
 one of the streams has no value are dropped and reported, like blank cells of a table.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace

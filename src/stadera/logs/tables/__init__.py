@@ -1,7 +1,5 @@
 """Tables in files: their rows as recordings. CSV and Parquet (`arrow`), NumPy's and MATLAB's arrays (`arrays`)."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace

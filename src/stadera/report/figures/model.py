@@ -3,8 +3,6 @@
 Colours are names of `stadera.report.look.COLOURS`, so that pages can be dark and papers white.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal

@@ -5,8 +5,6 @@ There are two layouts of the same traces, for a desk and for a phone, which has 
 figures have in common (fonts, grid, legend) is in the script.
 """
 
-from __future__ import annotations
-
 import base64
 import json
 from collections.abc import Iterator

@@ -3,8 +3,6 @@
 The demo's page builds them in 3D; figures show them from any side, each part the hull of a few balls.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal

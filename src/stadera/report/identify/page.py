@@ -1,7 +1,5 @@
 """Figures of an identification, and its page: verdict, next steps, drives, evidence, each leg, and processing."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
 

@@ -1,7 +1,5 @@
 """Verdict on an identification, remarks for the reader, and tables for terminal, page and paper."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
