@@ -39,8 +39,8 @@ OTHERS = {
     "trajectory_msgs/JointTrajectoryPoint reference\ntrajectory_msgs/JointTrajectoryPoint feedback\n",
 }
 """Definitions of types that other packages have, shortened."""
-_READ = (*LOW_STATES, "control_msgs/msg/DynamicJointState", "pal_statistics_msgs/msg/Statistics")
-for _kind, _definition in ({kind: published(kind) for kind in _READ} | OTHERS).items():
+STATES = ("control_msgs/msg/DynamicJointState", "pal_statistics_msgs/msg/Statistics")
+for _kind, _definition in ({kind: published(kind) for kind in (*LOW_STATES, *STATES)} | OTHERS).items():
     TYPES.register({k: v for k, v in get_types_from_msg(_definition, _kind).items() if k not in TYPES.types})
 ROS1_TYPES.register(get_types_from_msg(OTHERS[OLD_LOW_STATE], OLD_LOW_STATE))
 NS = 1_000_000_000

@@ -70,8 +70,7 @@ def weigh(
         latex=result.to_latex,
         figures=lambda: result.to_figures(true),
     )
-    since = None if true is None else true.since(result.begin)
-    show(*weighing_tables(result.since_beginning(), since))
+    show(*weighing_tables(result.since_beginning(), true and true.since(result.begin)))
 
 
 @grouped

@@ -142,12 +142,12 @@ class Sinusoids:
 
 def window(t: Array, start: float, end: float, fade: float) -> tuple[Array, Array, Array]:
     """w with its two derivatives, (samples,) each; it rises over `fade` from `start`, falls over `fade` from `end`."""
-    rise, fall = _blend((t - start) / fade), _blend((t - end) / fade)
+    rise, fall = smooth_step((t - start) / fade), smooth_step((t - end) / fade)
     return rise[0] - fall[0], (rise[1] - fall[1]) / fade, (rise[2] - fall[2]) / fade**2
 
 
-def _blend(x: Array) -> tuple[Array, Array, Array]:
-    """b(x), b'(x), b''(x)."""
+def smooth_step(x: Array) -> tuple[Array, Array, Array]:
+    """b(x), b'(x), b''(x): from zero to one, at rest at both ends."""
     x = np.clip(x, 0.0, 1.0)
     value = x**3 * (10.0 + x * (6.0 * x - 15.0))
     return value, 30.0 * x**2 * (1.0 - x) ** 2, 60.0 * x * (1.0 - x) * (1.0 - 2.0 * x)

@@ -29,7 +29,7 @@ from stadera.body import Body, Motion, State
 from stadera.body.friction import direction
 from stadera.constants import GRAVITY
 from stadera.errors import IdentificationError
-from stadera.excite.sinusoids import Sinusoids
+from stadera.excite.sinusoids import Sinusoids, smooth_step
 from stadera.inertia import InertialParameters, skews
 from stadera.robot.kinematics import leg_kinematics
 from stadera.robot.model import JointDynamics, Robot
@@ -116,7 +116,7 @@ class Planted:
         carries, moved = np.ones((len(time), legs)), np.zeros((len(time), legs, 3))
 
         def go(to: Array, column: slice, begin: float, within: float) -> None:
-            for n, curve in enumerate(_smooth((time - begin) / within)):
+            for n, curve in enumerate(smooth_step((time - begin) / within)):
                 path[n][:, column] += curve[:, None] / within**n * to
 
         go(np.array([steps / legs * stride]), slice(3, 4), 0.0, float(time[-1]))
@@ -133,7 +133,7 @@ class Planted:
             u = (time - lifted) / (seconds - shifted)
             within = np.clip(u, 0.0, 1.0)
             ahead = float(np.interp(down + 0.5 * legs * seconds, time, forwards)) - moved[-1, leg, 0]
-            moved[:, leg, 0] += _smooth(u)[0] * ahead
+            moved[:, leg, 0] += smooth_step(u)[0] * ahead
             moved[:, leg, 2] += how.height * robot.leg_length * 64.0 * (within * (1.0 - within)) ** 3
             without = np.minimum((time - lifted) / unloading + 1.0, (down - time) / unloading + 1.0)
             carries[:, leg] *= 1.0 - np.clip(without, 0.0, 1.0)
@@ -204,13 +204,6 @@ class Planted:
             torque[:, leg] -= np.einsum("njc,nc->nj", rows, own_force)
             force[:, k] = own_force[:, :3]
         return torque, force
-
-
-def _smooth(u: Array) -> tuple[Array, Array, Array]:
-    """From zero to one as u does, at rest at both ends, and its first and second derivatives."""
-    u = np.clip(u, 0.0, 1.0)
-    slope = 30.0 * (u * (1.0 - u)) ** 2
-    return u**3 * (10.0 - 15.0 * u + 6.0 * u**2), slope, 60.0 * u * (1.0 - u) * (1.0 - 2.0 * u)
 
 
 def planted_joints(robot: Robot, turn: Array, shift: Array, moved: Array, solved: float = 1e-7) -> Array:

@@ -121,12 +121,13 @@ def standing_still(robot: Robot, pose: PoseOffset) -> Measurement | None:
     """
     rotation = Rotation.from_rotvec(pose.turn).as_matrix()
     try:
-        q = planted_joints(robot, rotation[None], pose.shift[None])
+        q = planted_joints(robot, rotation[None], pose.shift[None], np.zeros((1, len(robot.legs), 3)))
     except IdentificationError:
         return None
     up, still = rotation[2], np.zeros_like(q)
     motion = Motion(q, still, still, np.zeros((1, 3)), np.zeros((1, 3)), GRAVITY * up[None], up[None])
-    torque, force = Planted(robot, np.zeros(1), np.zeros((1, 6)), motion).torques(robot.inertias[robot.trunk])
+    planted = Planted(robot, np.zeros(1), np.zeros((1, 6)), motion, np.ones((1, len(robot.legs))))
+    torque, force = planted.torques(robot.inertias[robot.trunk])
     limits = [robot.limits[joint] for joint in robot.tree.joints]
     low, high, most = np.array([(limit.lower, limit.upper, limit.effort) for limit in limits]).T
     within = (q >= low) & (q <= high) & (np.abs(torque) <= _REACH.torque * most)
