@@ -26,7 +26,7 @@ from stadera.errors import ModelError, RecordingError, StaderaError, UnknownName
 from stadera.limits import DEFAULTS, Budget, LimitError, Limits
 from stadera.logs import LogFile, read, stream
 from stadera.logs.batches import within
-from stadera.logs.topics import Reading
+from stadera.logs.topics import ReadOptions
 from stadera.robot import load_robot
 
 ZEROS = bytes(1 << 20)
@@ -34,7 +34,7 @@ SMALL = Limits(unpacked=5e5, columns=50, elements=200, depth=20, seconds=0.05, s
 
 
 def limited(path: Path, limits: Limits = SMALL) -> LogFile:
-    return LogFile(path, reading=Reading(limits=limits))
+    return LogFile(path, reading=ReadOptions(limits=limits))
 
 
 def states(count: int = 30) -> list[Sent]:

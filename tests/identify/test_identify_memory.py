@@ -14,7 +14,7 @@ import pytest
 
 from stadera import IdentificationError, identify, load_robot
 from stadera.identify.settings import IdentifySettings
-from stadera.lab.plant import simulate_leg
+from stadera.lab.plant.leg import simulate_leg
 from stadera.logs import Recording, write_table
 from stadera.robot import JointDynamics, Robot
 from stadera.trunk.memory import Memory

@@ -15,7 +15,7 @@ from stadera.errors import UntrustedError
 from stadera.live import LiveSession, Worker
 from stadera.live.run import replay
 from stadera.logs import Recording, take, write_table
-from stadera.logs.topics import Reading
+from stadera.logs.topics import ReadOptions
 from stadera.robot import Robot
 from stadera.trust import Trust
 
@@ -78,7 +78,7 @@ def test_what_is_certain_is_corrected(name: str, walk: Recording, robot: Robot) 
 
 
 def test_gears_are_applied_to_all_samples(walk: Recording, robot: Robot) -> None:
-    session, right = LiveSession(robot, reading=Reading.of(gear="9")), LiveSession(robot)
+    session, right = LiveSession(robot, reading=ReadOptions.of(gear="9")), LiveSession(robot)
     passed(session, scaled(walk, effort=1 / 9.0))
     passed(right, walk)
     np.testing.assert_allclose(session.state().trunk.inertial.vector, right.state().trunk.inertial.vector, rtol=1e-6)
