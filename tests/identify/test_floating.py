@@ -94,6 +94,9 @@ def test_walk_and_legs_in_the_air_together_know_more(tmp_path: Path) -> None:
     assert both[f"{joint}.coulomb"].std <= one[f"{joint}.coulomb"].std * 1.001
     assert both[f"{joint}.coulomb"].value == pytest.approx(1.5, rel=0.15)
     assert together.trunk is not None
+    trunk = on_feet().trunk
+    assert trunk is not None
+    np.testing.assert_array_equal(together.trunk.inertial.vector, trunk.inertial.vector)  # legs tell nothing of it
     assert alone.trunk is None
     assert "walk" in together.source
     together.save_json(path := tmp_path / "robot.json")
@@ -112,7 +115,7 @@ def test_tables_and_page_of_a_walk() -> None:
 
 
 def test_offsets_of_several_walks_are_each_log_s_own() -> None:
-    log = floating_log(hyq(), walk(), lambda *_: None)
+    log = floating_log(hyq(), walk(), lambda *_: None, 0.1)
     name = hyq().legs[0].name
     kept, dropped = (log.of_leg(name, {}, offsets=o) for o in (True, False))
     assert isinstance(kept, Information)

@@ -33,7 +33,7 @@ from stadera.trunk.estimator import TrunkEstimator
 from stadera.trunk.memory import Memory, MemorySettings, days_of, places_of
 from stadera.trunk.result import TrunkParameters
 from stadera.trunk.samples import Samples
-from stadera.trunk.settings import ModelErrors
+from stadera.trunk.settings import ModelErrors, TrunkSettings
 from stadera.trust import Trust
 from stadera.types import Array, Progress
 
@@ -90,9 +90,14 @@ class FloatingLog(Told):
     said: str = ""
 
 
-def floating_log(robot: Robot, log: Log, progress: Progress, memory: Memory | None = None) -> FloatingLog:
-    """Processes one log. Raises RecordingError: it lacks a joint's velocity or effort, or the IMU."""
-    estimator, done, days = TrunkEstimator(robot), 0, np.nan
+def floating_log(
+    robot: Robot, log: Log, progress: Progress, link_mass: float, memory: Memory | None = None
+) -> FloatingLog:
+    """Processes one log. `link_mass` is the relative standard deviation of the links' masses; a memory counts in its
+    own. Raises RecordingError: it lacks a joint's velocity or effort, or the IMU.
+    """
+    settings = TrunkSettings(model=ModelErrors(link_mass=link_mass)) if memory is None else None
+    estimator, done, days = TrunkEstimator(robot, settings=settings), 0, np.nan
     for chunk in stream(log, joints=robot.tree.joints, require=("effort", "velocity", "imu")):
         if not done and memory is not None:
             days = days_of(float(chunk.time[0]))

@@ -30,7 +30,7 @@ from stadera.identify.gather import (
 from stadera.identify.job import Job, LegTask, joints_of, parts_of, prepare, stands, wanted_legs
 from stadera.identify.log import Part, Section, time_span
 from stadera.identify.observability import Combination, Observability, gradients_of, observability
-from stadera.identify.result import Identification, KnownCombination, LegIdentification, robot_with_legs, unit_of
+from stadera.identify.result import Identification, KnownCombination, LegIdentification, unit_of
 from stadera.identify.settings import IdentifySettings
 from stadera.identify.solutions import Estimate, solve_legs, with_scale
 from stadera.identify.trust import leg_warnings, log_warnings, trust_in
@@ -112,7 +112,7 @@ def _from_feet(
     floats: list[FloatingLog] = []
     kept = memory
     for log in logs:
-        floats.append(floating_log(robot, log, progress, kept))
+        floats.append(floating_log(robot, log, progress, asked.width.mass, kept))
         kept = floats[-1].memory or kept
     agree = memory is not None and memory.logs and all(log.memory for log in floats)
     known = Told.by(memory, robot) if memory is not None and agree else None
@@ -180,7 +180,7 @@ def _identified(
     evaluated: Sequence[LogFile | Recording] | None,
     memory: Memory | None,
 ) -> Identification:
-    """The passes over admitted logs of legs in the air, and of the robot on its feet, whose prior are the legs then."""
+    """The passes over admitted logs of legs in the air, and of the robot on its feet."""
     training, held_back, validated_on = parts_of(job, fitted, evaluated)
     at_rest = not training.moves(job.drop_below)
     slowest = f"{job.settings.signals.drop_below:g} rad/s"
@@ -195,8 +195,7 @@ def _identified(
     estimates = _solve(job, gathered, recalled=recalled)
     floats: list[FloatingLog] = []
     if on_feet:
-        known = [LegIdentification(t.leg, t.nominal, *found) for t, found in zip(job.tasks, estimates, strict=True)]
-        floats = [floating_log(robot_with_legs(job.robot, known), log, job.progress) for log in on_feet]
+        floats = [floating_log(job.robot, log, job.progress, job.settings.width.mass) for log in on_feet]
         estimates = _solve(job, gathered, floats, recalled)
     names, parts = _compared_parts(job, fitted, training, held_back)
     # a log has noise of its own, in which the difference from others is not

@@ -51,7 +51,8 @@ def cases(settings: ReproduceSettings) -> list[IdentifiedCase]:
 def identified(case: IdentifiedCase, logs: Path | None = None) -> dict[str, Any]:
     """`refused`: why there is no figure, or None. `drives`: by term, [error, standard deviation, truth, limit] of each
     joint, the standard deviation None where it is not determined. `links`: [error, the model's error, 1 if observable]
-    of each mass of the legs. `trunk`: [error, standard deviation] of mass and centre of mass.
+    of each mass of the legs. `trunk`: [error, standard deviation] of mass and centre of mass. `robot`: relative error
+    of the whole mass.
     """
     draw = zlib.crc32(f"{case.robot} {case.seed}".encode())
     robot = load_robot(case.robot)
@@ -103,11 +104,14 @@ def _compared(result: Identification, robot: Robot, drawn: dict[str, Any]) -> di
             links.append([mass.value - true, mass.prior - true, float(mass.verdict == "observable")])
     true_trunk = InertialParameters(np.array(drawn["links"][robot.trunk]))
     trunk: list[list[float]] = []
+    whole = sum(body[0] for body in drawn["links"].values())
     if result.trunk is not None:
         body = result.trunk.inertial
         off = np.array([body.mass - true_trunk.mass, *(body.com - true_trunk.com)])
         trunk = np.column_stack([off, [result.trunk.mass_std, *result.trunk.com_std]]).tolist()
-    return {"drives": drives, "links": links, "trunk": trunk, "trunk_mass": true_trunk.mass}
+    whole_off = result.identified_robot().mass / whole - 1.0
+    of_trunk = {"trunk": trunk, "trunk_mass": true_trunk.mass, "robot": whole_off}
+    return {"drives": drives, "links": links, **of_trunk}
 
 
 def summary(grid: Sequence[IdentifiedCase], found: Sequence[Outcome]) -> ExperimentResult:
@@ -163,6 +167,8 @@ def _of_trunks(good: Sequence[Outcome], record: Callable[..., None]) -> None:
         return
     off = np.array([np.abs(trunk[:, 0]) / [mass, 1.0, 1.0, 1.0] for trunk, mass in rows])
     z = np.array([trunk[:, 0] / trunk[:, 1] for trunk, _ in rows])
+    robots = [abs(f["robot"]) for f in good if f["trunk"]]
+    record("robot: median error of the whole mass", "%", 100.0 * float(np.median(robots)))
     record("trunk: median error of the mass", "%", 100.0 * float(np.median(off[:, 0])), PAPER.bounds["trunk"])
     record("trunk: median error of the centre, x-y", "mm", 1e3 * float(np.median(off[:, 1:3])), PAPER.bounds["xy"])
     record("trunk: median error of the centre, z", "mm", 1e3 * float(np.nanmedian(off[:, 3])), PAPER.bounds["z"])
