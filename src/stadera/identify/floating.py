@@ -39,7 +39,7 @@ from stadera.types import Array, Progress
 
 
 @dataclass(frozen=True, eq=False)
-class Told:
+class KnownLegs:
     """What a log of a robot on its feet, or the robot's memory, tells of its legs.
 
     Attributes:
@@ -58,7 +58,7 @@ class Told:
         return found.fix({name: value for name, value in fixed.items() if name in found.names})
 
     @classmethod
-    def by(cls, memory: Memory, robot: Robot) -> Told:
+    def by(cls, memory: Memory, robot: Robot) -> KnownLegs:
         """What a memory of the robot tells."""
         errors, n = ErrorModel(robot, ModelErrors(), robot.leg_length), len(memory.known) - 1
         places, std = places_of(errors.layout)[:n], np.sqrt(errors.variance)
@@ -73,7 +73,7 @@ class Told:
 
 
 @dataclass(frozen=True, eq=False)
-class FloatingLog(Told):
+class FloatingLog(KnownLegs):
     """One log of a robot on its feet.
 
     Attributes:

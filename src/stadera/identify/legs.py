@@ -16,7 +16,7 @@ import numpy as np
 from stadera.body import JointMotion, TrunkMotion
 from stadera.checks import Guard
 from stadera.identify.agreement import Agreement
-from stadera.identify.floating import FloatingLog, Told, floating_log, remembered
+from stadera.identify.floating import FloatingLog, KnownLegs, floating_log, remembered
 from stadera.identify.gather import (
     Gathered,
     LegModels,
@@ -115,7 +115,7 @@ def _from_feet(
         floats.append(floating_log(robot, log, progress, asked.width.mass, kept))
         kept = floats[-1].memory or kept
     agree = memory is not None and memory.logs and all(log.memory for log in floats)
-    known = Told.by(memory, robot) if memory is not None and agree else None
+    known = KnownLegs.by(memory, robot) if memory is not None and agree else None
     told = [_floating_information(task, floats, Information.empty(task.prior.columns), known) for task in tasks]
     posed = [(task.leg, found, task.prior) for task, found in zip(tasks, told, strict=True)]
     agreement = _agreement(tasks, [log.source for log in floats], [], floats)
@@ -146,7 +146,7 @@ def _from_feet(
 
 
 def _floating_information(
-    task: LegTask, floats: Sequence[FloatingLog], own: Information, known: Told | None = None
+    task: LegTask, floats: Sequence[FloatingLog], own: Information, known: KnownLegs | None = None
 ) -> Information:
     """A leg's information with that of logs on its feet, and of the robot's memory; offsets are those of the only log,
     or of the legs in the air.
@@ -191,7 +191,7 @@ def _identified(
     gathered = gather(job, training)
     gathered = with_noise_of(job, training, gathered, [asked for asked, _ in _solve(job, gathered)])
     kept, said = _remembered(job, fitted, gathered, memory)
-    recalled = None if kept is None or memory is None or not memory.logs else Told.by(memory, job.robot)
+    recalled = None if kept is None or memory is None or not memory.logs else KnownLegs.by(memory, job.robot)
     estimates = _solve(job, gathered, recalled=recalled)
     floats: list[FloatingLog] = []
     if on_feet:
@@ -303,7 +303,7 @@ def _scored_legs(
 
 
 def _solve(
-    job: Job, gathered: Sequence[Gathered], floats: Sequence[FloatingLog] = (), recalled: Told | None = None
+    job: Job, gathered: Sequence[Gathered], floats: Sequence[FloatingLog] = (), recalled: KnownLegs | None = None
 ) -> list[tuple[Estimate, Estimate]]:
     own = [with_scale(g.whitened(t.fixed), job.settings.width.gain) for t, g in zip(job.tasks, gathered, strict=True)]
     legs = [
