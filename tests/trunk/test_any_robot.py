@@ -18,6 +18,8 @@ from robot.robot_files import urdf, urdf_leg, wheeled, write
 from stadera import identify, weigh
 from stadera.errors import IdentificationError, UnknownNameError
 from stadera.inertia import InertialParameters
+from stadera.lab.scenarios.catalog import Load, SimulateSettings
+from stadera.lab.scenarios.run import simulate
 from stadera.logs import Imu, Recording, write_table
 from stadera.robot import JointDynamics, Robot, load_robot
 from stadera.robot.catalog import _example_robot_data
@@ -339,6 +341,19 @@ def test_a_load_in_a_hand_is_found_and_weighed_there(name: str, link: str) -> No
         assert at is not None or payload.places[link] > 0.99
     estimator.add(samples[samples.time >= 7.5])
     assert [(change.kind, change.at) for change in estimator.changes] == [("on", link), ("off", link)]
+
+
+@pytest.mark.parametrize(("on", "seed"), [(None, 1), (None, 3), ("left_wrist_yaw_link", 1), ("left_wrist_yaw_link", 2)])
+def test_noise_of_a_g1_that_stands_is_no_load_elsewhere(on: str | None, seed: int) -> None:
+    """With errors as of real robots: rows at rest share one friction, and noise of accelerations tells no place."""
+    load = Load(2.67, at=(0.0, 0.03, 0.1) if on is None else (0.05, 0.0, 0.02), on=on)
+    robot = of_file("g1")
+    made = simulate(robot, "stand-load", SimulateSettings("real", load, duration=8.0, rate=250.0, seed=seed))
+    found = weigh(robot, made.recording, (0.0, 3.0))
+    payload = found.payload
+    assert payload is not None
+    assert payload.at == (on or "")
+    assert abs(payload.mass - 2.67) < 2.0 * payload.mass_std
 
 
 def test_one_load_in_both_hands_is_told_from_one_in_either() -> None:

@@ -134,6 +134,11 @@ class History:
         return self._known[0]
 
     @property
+    def prior_size(self) -> float:
+        """ln |R| of the present load before any row: minus the sum of the logarithms of its standard deviations."""
+        return -float(np.log(self._settings.after_change * self._wide).sum())
+
+    @property
     def since_load(self) -> Segment | None:
         """The rows since the tare, or since the last change of the load; None without either."""
         return self.loaded if self.loaded is not None else self.current if self._divided else None

@@ -4,7 +4,7 @@ With X_k the inertial wrench of link k as columns of its ten parameters (`stader
 that is added to it changes
 
     the trunk's rows:     A θ - (∂b/∂φ_k) φ + C p = b
-    a limb's joint j:     r_jᵀ X_k φ + I_r q̈ + b q̇ + c s + o + g τ ± √(1 - s²) p_s + Σ_i r_jᵀ X_i δφ_i = τ - h
+    a limb's joint j:     r_jᵀ X_k φ + I_r q̈ + b q̇ + c s + o + g τ + √(1 - s²) p_s + Σ_i r_jᵀ X_i δφ_i = τ - h
 
 for all joints j between it and the trunk; δφ_i of masses and centres of the limb's own links. ∂b/∂φ_k are
 `State.columns`, which are -X_k for a link outside the legs, and r_j takes a wrench to the torque that joint j needs.
@@ -25,12 +25,12 @@ from stadera.robot.limbs import Limbs, Place
 from stadera.robot.model import Robot
 from stadera.trunk.error_model import ErrorLayout
 from stadera.trunk.window import Window
-from stadera.types import Array
+from stadera.types import Array, Bools
 
-TERMS = ("limb_rotor", "limb_viscous", "limb_coulomb", "limb_offset", "limb_gain", "limb_stiction")
+TERMS = ("limb_rotor", "limb_viscous", "limb_coulomb", "limb_offset", "limb_gain")
 """Errors of a limb's joints, in the order of the sums."""
 
-LIMB_SUMS = ("limb_terms", "limb_left", "limb_columns")
+LIMB_SUMS = ("limb_terms", "limb_left", "limb_columns", "limb_motion")
 
 
 class LimbRows:
@@ -62,27 +62,49 @@ class LimbRows:
     def sums(self, window: Window, motion: Motion, state: State, effort: Array) -> dict[str, Array]:
         """Weighted sums over B blocks, in both halves of a window, by name:
 
-        limb_terms: (B, 2, l, 6), of q̈, q̇, s, 1, τ and √(1 - s²). limb_left: (B, 2, l), of τ - h.
+        limb_terms: (B, 2, l, 5), of q̈, q̇, s, 1 and τ. limb_left: (B, 2, l), of τ - h.
         limb_columns: (B, 2, l, links, 10), of r_jᵀ X_k; zero unless joint j carries link k.
+        limb_motion: (B, 2, l, 2), of q̇ and q̈.
 
         Args:
             effort: (n, l), of the limbs' joints; zero throughout a block where it is not known.
         """
-        J, n, s = self.joints, len(effort), direction(window.line(motion.velocity[:, self.joints]))
+        J, s = self.joints, direction(window.line(motion.velocity[:, self.joints]))
         q, v = motion.acceleration[:, J], motion.velocity[:, J]
-        terms = np.stack([q, v, s, np.ones_like(s), effort, np.sqrt(np.maximum(1.0 - s * s, 0.0))], axis=-1)
-        origin, axis = state.origin[:, J], state.axis[:, J]
-        turning = np.concatenate([np.cross(origin, axis), axis], axis=2)
-        sliding = np.concatenate([axis, np.zeros_like(axis)], axis=2)
-        r = np.where(self._sliding, sliding, turning)
-        X = -state.columns[:, self._links]  # (n, links, 6, 10)
-        columns = np.matmul(r, X.transpose(0, 2, 1, 3).reshape(n, 6, -1)).reshape(n, len(J), len(self._links), 10)
+        terms = np.stack([q, v, s, np.ones_like(s), effort], axis=-1)
         known = np.logical_or.reduceat(effort != 0.0, window.edges[:-1], axis=0)[:, None].astype(float)
         return {
             "limb_terms": window.sums(window.halves, terms) * known[..., None],
             "limb_left": window.sums(window.halves, effort - state.torque[:, J]) * known,
-            "limb_columns": window.sums(window.halves, columns) * self._carries[:, :, None] * known[..., None, None],
+            "limb_columns": window.sums(window.halves, self._columns(state)) * known[..., None, None],
+            "limb_motion": window.sums(window.halves, np.stack([v, q], axis=-1)),
         }
+
+    def _columns(self, state: State) -> Array:
+        """r_jᵀ X_k, (n, l, links, 10); zero unless joint j carries link k."""
+        J, n = self.joints, len(state.torque)
+        origin, axis = state.origin[:, J], state.axis[:, J]
+        turning = np.concatenate([np.cross(origin, axis), axis], axis=2)
+        sliding = np.concatenate([axis, np.zeros_like(axis)], axis=2)
+        r, X = np.where(self._sliding, sliding, turning), -state.columns[:, self._links]  # X: (n, links, 6, 10)
+        columns = np.matmul(r, X.transpose(0, 2, 1, 3).reshape(n, 6, -1)).reshape(n, len(J), len(self._links), 10)
+        return np.asarray(columns * self._carries[:, :, None])
+
+    def quieten(self, sums: Mapping[str, Array], rests: Bools, state: State | None, still: Bools) -> None:
+        """Puts what acts on the links of a robot that stands in place of noise, in windows' sums.
+
+        Columns of accelerations that are noise would be correlated with the target's, and a load or an error of a link
+        that is minus the link itself would explain both.
+
+        Args:
+            sums: of B windows, also "by_links". rests: (B,), in which the trunk rests. state: of those, None of none.
+            still: (B, l), joints whose accelerations are noise.
+        """
+        sums["limb_terms"][..., 0] *= ~still
+        if state is not None:
+            known = (sums["limb_terms"][rests, :, 3] > 0.0).astype(float)
+            sums["by_links"][rests] = state.columns
+            sums["limb_columns"][rests] = self._columns(state) * known[..., None, None]
 
     def rows(self, sums: Mapping[str, Array], by_mass_and_centre: Array) -> Array:
         """Columns (B, l, 10 + 1 + errors + loads) of A, b, C and of what a load does, of B windows' sums.
@@ -93,8 +115,12 @@ class LimbRows:
         layout, count, columns = self._layout, len(self.joints), sums["limb_columns"]
         out = np.zeros((len(columns), count, 11 + layout.count + 10 * len(self._places)))
         out[:, :, 10], C, each = sums["limb_left"], out[:, :, 11 : 11 + layout.count], np.arange(count)
+        terms = sums["limb_terms"]
         for k, name in enumerate(TERMS):
-            C[:, each, layout.places[name].start + each] = sums["limb_terms"][..., k]
+            C[:, each, layout.places[name].start + each] = terms[..., k]
+        # by the mean direction s: noise of single velocities is no motion
+        stuck = np.sqrt(np.maximum(terms[..., 3] ** 2 - terms[..., 2] ** 2, 0.0))
+        C[:, each, layout.places["limb_stiction"].start + each] = stuck
         own = by_mass_and_centre[self.joints]
         self._own(C, (columns[:, :, :count, None] @ own)[..., 0, :])
         out[:, :, 11 + layout.count :] = columns[:, :, count:].reshape(len(columns), count, -1)

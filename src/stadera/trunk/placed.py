@@ -10,10 +10,11 @@ Before the load came, rows were summed up to R₀ θ + G₀ p = z₀, and since 
 A load on the trunk has the columns R themselves. What remains after θ and φ are eliminated, E = |z'' - G'' p|², is
 compared between places. With p normally distributed about zero, of covariance Σ₀, and rows of variance σ²,
 
-    -2 ln P = min_p (E/σ² + pᵀ Σ₀⁻¹ p) + ln |1 + Σ₀ G''ᵀ G''/σ²| + 2 ln |R_φ|
+    -2 ln P = min_p (E/σ² + pᵀ Σ₀⁻¹ p) + ln |1 + Σ₀ G''ᵀ G''/σ²| + 2 ln |R_φ| / |R_φ before any row|
 
 up to a constant, and with the same prior for the load wherever it is. σ² is the same for all places: that of the best
-one, times the number of rows that share one error.
+one, times the number of rows that share one error. Static friction, which may change with the load, counts as two
+errors in p, one before it came and one since; what rows at rest leave beyond the triangles is noise, and left out.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import lapack
 
-from stadera.trunk.error_model import QUIETEST
+from stadera.trunk.error_model import QUIETEST, ErrorLayout
 from stadera.types import Array
 
 if TYPE_CHECKING:
@@ -84,7 +85,7 @@ class TrunkAndLoad:
 
     Attributes:
         trunk, load: each alone. whole: both together, mass by mass.
-        left: (..., 1 + errors), rows that are left.
+        left: (..., 1 + errors), rows that are left; before: (..., changing), as of `Told`.
         columns: places of the load's columns among those of all loads.
         size: ln |R_φ|.
     """
@@ -92,6 +93,7 @@ class TrunkAndLoad:
     trunk: Told
     load: Told
     left: Array
+    before: Array
     columns: Array
     size: float
 
@@ -112,7 +114,7 @@ def told(since: Segment, held: Held) -> TrunkAndLoad:
     elsewhere = np.vstack([T[:, end:], below[:, :loads]])
     columns = np.concatenate([10 * (k - 1) + np.arange(10) for k in held.at])
     at = [of_trunk if k == 0 else elsewhere[:, 10 * (k - 1) : 10 * k] for k in held.at]
-    changing = np.concatenate([np.arange(place.start, place.stop) for place in layout.changing])
+    changing = _changing(layout)
     earlier = before.triangle[:, 10:end]
     rows = np.vstack(
         [
@@ -127,25 +129,37 @@ def told(since: Segment, held: Held) -> TrunkAndLoad:
     solved, width = inverse @ triangle[:, count:], 1 + layout.count
     whole = Told(inverse, solved[:, :width], solved[:, width:])
     size = float(np.log(np.abs(triangle.diagonal()[10:count])).sum())
-    return TrunkAndLoad(whole.part(0, 10), whole.part(10, count), left[:, :width], columns, size)
+    return TrunkAndLoad(whole.part(0, 10), whole.part(10, count), left[:, :width], left[:, width:], columns, size)
 
 
-def log_odds(since: Segment, before: Segment, places: Sequence[Blocks], covariance: Array, repeats: float) -> Array:
+def _changing(layout: ErrorLayout) -> NDArray[np.int64]:
+    """Places of the errors that may be others since the load came."""
+    return np.concatenate([np.arange(place.start, place.stop) for place in layout.changing])
+
+
+def log_odds(
+    since: Segment, before: Segment, places: Sequence[Blocks], covariance: Array, repeats: float, prior: float
+) -> Array:
     """ln P of a load at each of some places, up to a constant, (places,); see the module's text.
 
     Args:
         since: rows since the load came. before: those before it.
         covariance: Σ₀ (errors, errors), of the errors before any row.
         repeats: number of rows that share one error.
+        prior: ln |R_φ| of a load at one place before any row.
     """
     size = np.sqrt(np.maximum(np.diagonal(covariance), 1e-300))
     correlation = covariance / np.outer(size, size)
     correlation.flat[:: len(size) + 1] += _ROUNDING
     root = size[:, None] * np.linalg.cholesky(correlation)
+    changing = _changing(since.layout)
+    # of errors since the load came, and of those before it that may have changed
+    here, then = np.pad(root, ((0, 0), (0, len(changing)))), np.zeros((len(changing), len(root) + len(changing)))
+    then[:, len(root) :] = root[np.ix_(changing, changing)]
     alone = since.with_load(None)
     rest = alone.below[:, len(alone.below) :]
-    base = alone.remainder - rest.T @ rest
-    normal, along = root.T @ base[1:, 1:] @ root, root.T @ base[1:, 0]
+    base = alone.in_motion - rest.T @ rest
+    normal, along = here.T @ base[1:, 1:] @ here, here.T @ base[1:, 0]
     found = [told(since, Held(at, before)) for at in places]
 
     def judged(loud: float) -> list[tuple[float, float]]:
@@ -158,7 +172,8 @@ def log_odds(since: Segment, before: Segment, places: Sequence[Blocks], covarian
         half, sizes = lapack.dtrtrs(factor, along, lower=1)[0], factor.diagonal() / sqrt(loud)
         out = []
         for each in found:
-            moved = lapack.dtrtrs(factor, (each.left[:, 1:] @ root).T, lower=1)[0]
+            errors = each.left[:, 1:] @ here + each.before @ (then - here[changing])
+            moved = lapack.dtrtrs(factor, errors.T, lower=1)[0]
             away, own = each.left[:, 0] - half @ moved, moved.T @ moved
             own.flat[:: len(own) + 1] += 1.0
             lower = lapack.dpotrf(own, lower=1)[0]
@@ -169,8 +184,10 @@ def log_odds(since: Segment, before: Segment, places: Sequence[Blocks], covarian
 
     least = min(energy for energy, _ in judged(repeats))
     loud = repeats * max(least / max(since.count, 1.0), QUIETEST)
-    shares = zip(judged(loud), found, strict=True)
-    return np.array([-0.5 * (energy / loud + spread) - each.size for (energy, spread), each in shares])
+    shares = zip(judged(loud), found, places, strict=True)
+    return np.array(
+        [-0.5 * (energy / loud + spread) - each.size + len(at) * prior for (energy, spread), each, at in shares]
+    )
 
 
 _ROUNDING = 1e-12  # of a variance: errors that are known exactly have a singular covariance

@@ -14,7 +14,7 @@ the feet held, G = ∂b/∂q̈, an error p of the model (`stadera.trunk.error_mo
     rotor, friction, offset    -E q̈, -E q̇, -E s, -E       s: smoothed sign of q̇, of velocities averaged over a block
     gain, lag of the torques   -E τ, +E τ̇                  true torque: (1 - g) τ + d τ̇
     load friction              -E s |τ|               a gear's losses, a share of what its joint carries
-    stiction                   ∓E √(1 - s²)                what holds a joint at standstill, positive upwards
+    stiction                   ∓E                          what holds a joint at standstill, positive upwards
     encoder, contact, unfelt   +∂b/∂q, -∂b/∂p_contact, -∂b/∂m     at the block's middle, by differences and closed form
     link mass and centre       -∂b/∂(m, c)                 of `State.columns` by φ, and of φ by m and c
     IMU place, axes, bias      -K ([α]x + [ω]x[ω]x), K [a]x + L [α]x, -K
@@ -48,7 +48,7 @@ from stadera.trunk.error_model import ErrorLayout
 from stadera.trunk.ground import turned
 from stadera.trunk.lifted import Lifted
 from stadera.trunk.limbs import LIMB_SUMS, LimbRows, by_mass_and_centre
-from stadera.trunk.noise import Variances, WhiteNoise
+from stadera.trunk.noise import Variances, WhiteNoise, lower_quartile
 from stadera.trunk.row_kernel import differences, window_sums
 from stadera.trunk.samples import Samples
 from stadera.trunk.settings import SwingDetection
@@ -65,14 +65,17 @@ _STEP = 1e-4  # rad, of the differences by joint positions
 _OVERLAP = 4.0 / 3.0  # 1 + 2 ρ: neighbouring windows share samples, ρ = 1/6 for what is averaged
 _TELESCOPED = 0.5  # ρ = -1/2 for what is differentiated: between the least of one block and the nothing of a long sum
 _SLIDES = 0.9  # mean of the direction of sliding, between -1 and 1, of a joint that neither stops nor turns back
-_MOVES = 3.0  # times its noise: root mean square of the velocity of a joint that moves
+# times its noise: root mean square of the velocity of a joint that moves; where noise is loud, that of noise alone and
+# a speed [rad/s] of which it leaves no doubt
+_MOVES, _BEYOND, _SPEED = 3.0, 1.75, 0.03
+_SLOW = 0.1  # rad/s, of a joint outside the legs that rests: it trembles, with no acceleration that a load would show
 _LATELY = 25  # blocks, over which that is taken: a joint that turns back is not one that stands
 RESOLVED = 3
 """Least number of samples in a block whose differences tell sampling errors: motion of 12 Hz enters these by 3 % with
 three samples a block, by 20 % with two, and fully with one (the window's response at half the rate less 12 Hz).
 """
 
-_TERMS = ("rotor", "viscous", "coulomb", "load_friction", "offset", "gain", "stiction")
+_TERMS = ("rotor", "viscous", "coulomb", "load_friction", "offset", "gain")
 _OF_MOTION = 4  # the first of them, which a joint that moves shows
 _SUMMED = ("plain", "by_rate", "squared", "by_terms", "by_links", "alternating", *LIMB_SUMS)
 _UNIT = np.eye(3)
@@ -174,15 +177,17 @@ class RowMaker:
         self.weight, self.flat = robot.mass * GRAVITY, SINGULAR * length**3
         self.lifted = Lifted(self.body, swing, self.weight, length)
         self._half: dict[str, Array] | None = None  # of the block before, see `_halves`
+        self._rough = np.zeros((0, self._layout.joints))  # mean squares of the latest blocks, see `_latest`
         self._sign = 1.0  # of alternating sums: goes on from block to block, also where these have odd numbers
         self.forget()
-        self._speeds = np.zeros((0, self._layout.joints))  # of the latest blocks, squared, over the noise's variance
 
     def _use(self, body: Body) -> None:
         """Takes a body with or without the joints outside the legs."""
         self.body, self._by_mass = body, by_mass_and_centre(body)
         whole = self._places or len(body.joints) > len(self._robot.tree.joints)
         self._limbs = LimbRows(self._robot, body, self._places, self._layout) if whole else None
+        count = self._layout.joints + (0 if self._limbs is None else len(self._limbs.joints))
+        self._speeds = np.zeros((0, count))  # of the latest blocks, squared, over the noise's variance
 
     def restart(self) -> None:
         """Discards the unfinished window: the next samples do not continue the previous ones."""
@@ -250,14 +255,20 @@ class RowMaker:
             sound = sound & ~by_leg.any(axis=1)
             wrong = ~sound[window.block]  # sums over these samples are not used, and need to be finite
             state.to_wrench[wrong] = state.columns[wrong] = 0.0
-        noise = self.noise.learnt(None if squares is None else squares[:, self._channels], sizes, sound)
+        squares = None if squares is None else squares[:, self._channels]
+        noise = self.noise.learnt(squares, sizes, sound)
         halves = self._halves(samples, window, motion, state, noise, sound)
         before = self._half or {name: np.zeros_like(value[:1]) for name, value in halves.items()}
         follows = np.concatenate([[self._half is not None], sound[:-1]]) & sound
         first = before  # of each block, the one before it
         if len(sizes) > 1:
             first = {name: np.concatenate([before[name], value[:-1]]) for name, value in halves.items()}
-        rows = self._rows(first, halves, noise, follows, trunk)
+        rough = (
+            noise.velocity
+            if squares is None
+            else self._latest(noise.velocity, squares[:, self._layout.joints : -6], sizes)
+        )
+        rows = self._rows(first, halves, noise, rough, follows, trunk)
         self._half = {name: value[-1:] for name, value in halves.items()} if sound[-1] else None
         return rows, singular
 
@@ -269,22 +280,23 @@ class RowMaker:
         plain: (B, 2, ...), sums weighted by the rising and by the falling half, of signals (12), target (6), jerk
             (J + 3), and six numbers of each joint: q̈, q̇, s, 1, τ̇, h - τ.
         by_rate, squared: (B, 2, 6), of E τ̇, and, with w² for w, of E σ² Eᵀ of white torque noise.
-        by_terms, by_links: (B, 2, J, 6, terms) and (B, 2, K, 6, 10), of E times q̈, q̇, s, s |τ|, 1, τ and √(1 - s²),
-            and of `State.columns`.
+        by_terms, by_links: (B, 2, J, 6, terms) and (B, 2, K, 6, 10), of E times q̈, q̇, s, s |τ|, 1 and τ, and of
+            `State.columns`.
         alternating: (B, 2, 18), of signals and target, with signs that alternate from sample to sample.
         probes, middle: see `_slopes`. omega: (B, 3), mean. air: (B, L), legs in the air. stepping: (B,).
         end: (B,) [s]. averaged, differentiated: (B,), Σ w², and the same of differences in time [1/s²].
         sign: (B,), of `alternating`; zero of a block with too few samples. limb_...: see `LimbRows.sums`.
+        posture: (B, n + 3), joints and ground's normal at the end, of a robot with limbs.
         """
         J, own, B = self._columns, self.body, len(window.edges) - 1
         span = (samples.time[2:] - samples.time[:-2])[:, None]
         tau, rate = samples.effort[1:-1, J], (samples.effort[2:, J] - samples.effort[:-2, J]) / span
         acceleration, velocity = motion.acceleration[:, J], motion.velocity[:, J]
         sure = direction(window.line(velocity))
-        stuck, one = np.sqrt(np.maximum(1.0 - sure * sure, 0.0)), np.ones(tau.shape)
+        one = np.ones(tau.shape)
         left = state.torque[:, J] + own.viscous[J] * velocity + own.coulomb[J] * sure + own.offset[J] - tau
         loaded = sure * np.abs(window.line(tau))
-        terms = np.stack([acceleration, velocity, sure, loaded, one, tau, stuck], axis=-1)
+        terms = np.stack([acceleration, velocity, sure, loaded, one, tau], axis=-1)
         turning = np.hstack([samples.velocity[:, J], samples.angular_velocity])
         jerk = (turning[2:] - 2.0 * turning[1:-1] + turning[:-2]) / (0.5 * span) ** 2
         signals = trunk_signals(motion.specific_force.T, motion.angular_velocity.T, motion.angular_acceleration.T).T
@@ -327,6 +339,8 @@ class RowMaker:
             at, count = self._limbs.joints, samples.position.shape[1]
             torque = samples.extra[1:-1, 2 * (len(own.joints) - count) + at - count]
             out |= self._limbs.sums(window, motion, state, torque)
+            last = window.edges[1:] - 1
+            out["posture"] = np.hstack([motion.position[last], motion.normal[last]])
         return out
 
     def _slopes(self, window: Window, motion: Motion, tau: Array, sound: Bools) -> tuple[Array, Array]:
@@ -373,18 +387,41 @@ class RowMaker:
         """Leg of each joint, (J,)."""
         return self.body.leg_of[self._columns]
 
-    def _still(self, velocity: Array, variance: Array, follows: Bools) -> Bools:
-        """Joints (B, J) that have not moved lately beyond their noise: a joint that sticks, not one that turns back.
+    def _latest(self, variance: Array, squares: Array, sizes: tuple[int, ...]) -> Array:
+        """Variance (B, J) of the velocities' noise, at least that of the latest blocks by their mean squares (B, J): it
+        is known slowly, and noise that is louder than expected would pass for motion for a second or two.
+        """
+        usual = np.array([[lower_quartile(size - 1)] for size in sizes])
+        known, B = np.concatenate([self._rough, squares / usual]), len(sizes)
+        ends = range(len(known) - B + 1, len(known) + 1)
+        lately = [np.quantile(known[max(end - _LATELY, 0) : end], 0.25, axis=0) for end in ends]
+        self._rough = known[-(_LATELY - 1) :]
+        return np.maximum(variance, lately)
+
+    def _still(self, velocity: Array, least: Array, follows: Bools) -> Bools:
+        """Joints (B, J + l) that have not moved lately beyond their noise: a joint that sticks, not one that turns
+        back; those of the legs, then of the limbs.
 
         Args:
-            velocity: (B, J), averages over windows. variance: (B, J), of their noise. follows: (B,), blocks with rows.
+            velocity: (B, J + l), averages over windows. least: likewise, square of what is motion. follows: (B,),
+                blocks with rows.
         """
-        known = np.concatenate([self._speeds, (velocity**2 / variance)[follows]])
+        known = np.concatenate([self._speeds, (velocity**2 / least)[follows]])
         total = np.concatenate([np.zeros((1, known.shape[1])), np.cumsum(known, axis=0)])
         end = len(self._speeds) + np.cumsum(follows)
         begin = np.maximum(end - _LATELY, 0)
         self._speeds = known[-(_LATELY - 1) :]
-        return np.asarray(total[end] - total[begin] < _MOVES**2 * (end - begin)[:, None])
+        return np.asarray(total[end] - total[begin] < (end - begin)[:, None])
+
+    def _at_rest(self, posture: Array, moves: Array, force: Array) -> State:
+        """The dynamics, with columns, of a trunk at rest, in postures (B, ...) of joints and the ground's normal, with
+        velocities and accelerations of the limbs' joints (B, l, 2) and mean specific forces (B, 3).
+        """
+        assert self._limbs is not None
+        q, still = posture[:, :-3], np.zeros_like(force)
+        motion = np.zeros((2, *q.shape))
+        motion[:, :, self._limbs.joints] = moves.transpose(2, 0, 1)
+        return self.body.at(Motion(q, motion[0], motion[1], still, still, force, posture[:, -3:]), columns=True)
 
     def _over_a_second(self, force: Array, turn: Array, elapsed: float) -> Array:
         """Mean specific force (3,) over the last second, turned with the trunk, and one more window: gravity. Impacts
@@ -399,9 +436,9 @@ class RowMaker:
         return self._average
 
     def _rows(
-        self, first: Sums, second: Sums, noise: Variances, follows: Bools, trunk: InertialParameters
+        self, first: Sums, second: Sums, noise: Variances, rough: Array, follows: Bools, trunk: InertialParameters
     ) -> list[BlockRows | None]:
-        """Rows of windows from neighbouring blocks; None where no block is before."""
+        """Rows of windows from neighbouring blocks; None where no block is before. `rough`: see `_latest`."""
         J, layout, places, B = self._layout.joints, self._layout, self._layout.places, len(follows)
         sums = {name: first[name][:, 0] + second[name][:, 1] for name in _SUMMED if name in first}
         plain, alternated = sums["plain"], sums["alternating"]
@@ -418,10 +455,21 @@ class RowMaker:
         G = probes[:, :, 6:]
         columns, end, limbs = np.zeros((B, 6, 11 + layout.count + 10 * len(self._places))), 11 + layout.count, None
         # noise is not motion: a joint that moved beyond it does not stick, another shows no friction or rotor inertia
-        still = self._still(joint[:, 1], averaged[:, None] * noise.velocity, follows)
+        speed, loud = joint[:, 1], averaged[:, None] * rough
+        least = np.minimum(_MOVES**2 * loud, np.maximum(_BEYOND**2 * loud, loud + _SPEED**2))
+        if self._limbs is not None:
+            of_limbs = sums["limb_motion"][..., 0]
+            speed, least = np.hstack([speed, of_limbs]), np.hstack([least, np.full_like(of_limbs, _SLOW**2)])
+        held = self._still(speed, least, follows)
+        still = held[:, :J]
         # and of a robot at rest it would show height and inertia, which are columns of accelerations
-        shown, rests = signals.copy(), still.all(axis=1)
+        shown, rests = signals.copy(), np.asarray(still.all(axis=1))
         shown[rests, :3], shown[rests, 3:6] = average[rests], 0.0
+        if self._limbs is not None:
+            rests, own = rests & follows, held[:, J:]
+            moves = sums["limb_motion"] * ~own[..., None]
+            state = self._at_rest(first["posture"][rests], moves[rests], average[rests]) if rests.any() else None
+            self._limbs.quieten(sums, rests, state, own)
         columns[:, :, :10], columns[:, :, 10], C = trunk_matrix(shown), target, columns[:, :, 11:end]
         if self._limbs is not None:
             A = trunk_matrix(signals)
@@ -430,9 +478,10 @@ class RowMaker:
             limbs = self._limbs.rows(sums, self._by_mass) if len(self._limbs.joints) else None
         by_terms = -sums["by_terms"].transpose(3, 0, 2, 1)  # (terms, B, 6, J)
         # signs such that positive static friction lifts the trunk, as in all joints of a robot that sags
-        lifts = np.sign((by_terms[_TERMS.index("offset"), :, :3] * signals[:, :3, None]).sum(axis=1))
+        offset = by_terms[_TERMS.index("offset")]
+        lifts = np.sign((offset[:, :3] * signals[:, :3, None]).sum(axis=1))
+        C[:, :, places["stiction"]] = offset * (-lifts * still)[:, None]
         by_terms[:_OF_MOTION] *= ~still[:, None]
-        by_terms[-1] *= (-lifts * still)[:, None]
         for name, values in zip(_TERMS, by_terms, strict=True):
             C[:, :, places[name]] = values
         C[:, :, places["torque_lag"]] = sums["by_rate"][:, :, None]
