@@ -161,8 +161,7 @@ class Front:
     def blocks(self, table: Array, sizes: tuple[int, ...]) -> list[Made]:
         """Processes successive blocks, at least one, of so many samples, with one sample more before and after them."""
         joints, legs = len(self._stops), self._robot.legs
-        clean, squares = self._spikes.clean(table, sizes, joints)
-        sizes = sizes[: len(sizes) if squares is None else len(squares)]
+        clean, sizes, squares = self._spikes.clean(table, sizes, joints)
         window, samples, imu = window_of(sizes), Samples.of_table(clean, joints), clean[1:-1, 1 + 3 * joints :]
         first, last = window.edges[:-1], window.edges[1:] - 1
         used = np.logical_and.reduceat(imu[:, 3:6].any(axis=1), first)

@@ -52,7 +52,7 @@ class SpikeFilter:
         self._usual: Array | None = None
         self._blocks = self.replaced = 0
 
-    def clean(self, table: Array, sizes: tuple[int, ...], joints: int) -> tuple[Array, Array | None]:
+    def clean(self, table: Array, sizes: tuple[int, ...], joints: int) -> tuple[Array, tuple[int, ...], Array | None]:
         """Takes in successive blocks up to the first one with a spike; that one alone, without it, if it is the first.
 
         Args:
@@ -60,14 +60,14 @@ class SpikeFilter:
             joints: number of joints in the tree.
 
         Returns:
-            Table of the blocks taken in, and mean squares of third differences of all their channels (blocks,
-            channels); None of blocks of less than two samples.
+            Table of the blocks taken in, their sizes, and mean squares of third differences of all their channels
+            (blocks, channels); None of blocks of less than two samples, which are not taken in together with others.
         """
         short = [size < 2 for size in sizes]
         sizes = sizes[: (*short, not short[0]).index(not short[0])]
         table = table[: sum(sizes) + 2]
         if short[0]:
-            return table, None
+            return table, sizes, None
         window, values, step = window_of(sizes), table[:, 1:], float(table[1, 0] - table[0, 0])
         squares, before = mean_third_differences_squared(values, window), []
         for square in squares:
@@ -80,12 +80,12 @@ class SpikeFilter:
                 continue
             self._usual, self._blocks = before[b], self._blocks - len(sizes) + int(b)
             if b:
-                return table[: window.edges[b] + 2], squares[:b]
+                return table[: window.edges[b] + 2], sizes[:b], squares[:b]
             self.replaced += int(wild[1:-1].sum())  # the others belong to other blocks
             square = mean_third_differences_squared(cleaned, window_of(sizes[:1]))
             self._learn(square[0])
-            return np.hstack([table[part, :1], cleaned]), square
-        return table, squares
+            return np.hstack([table[part, :1], cleaned]), sizes[:1], square
+        return table, sizes, squares
 
     def _learn(self, square: Array) -> None:
         """Updates the usual noise by a block's mean squares of third differences."""
