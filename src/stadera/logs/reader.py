@@ -18,6 +18,7 @@ from stadera.logs.columns import layout
 from stadera.logs.frames import columns_of
 from stadera.logs.mend import changed, sources_of
 from stadera.logs.recording import Recording, concatenate, take
+from stadera.logs.repeats import without_repeats
 from stadera.logs.stamps import with_steps_of_motion
 from stadera.logs.tables import TableReader
 from stadera.logs.tables.arrays import MatTable, NpzTable
@@ -88,12 +89,12 @@ def stream(
         raise RecordingError(f"a chunk needs at least one row, got {rows}")
     log = as_log(log)
     if isinstance(log, Recording):
-        return with_steps_of_motion(_chunks(_chosen(log, joints, require), rows))
+        return _of_table(_chunks(_chosen(log, joints, require), rows))
     changes, reader = log.reading.changes, reader_of(log.path)
     chunks = reader.stream(log, joints=sources_of(changes, joints), require=require, rows=rows)
     if changes:
         chunks = (changed(chunk, changes, joints, first=k == 0) for k, chunk in enumerate(chunks))
-    return _on_one_clock(reader, chunks)
+    return _as_sampled(reader, chunks)
 
 
 def read_head(log: Log, joints: Sequence[str] | None = None, rows: int = 256) -> Recording:
@@ -110,12 +111,17 @@ def read(log: Log, *, joints: Sequence[str] | None = None, require: Collection[s
         return _chosen(log, joints, require)
     changes, reader = log.reading.changes, reader_of(log.path)
     chunks = reader.stream(log, joints=sources_of(changes, joints), require=require, rows=None)
-    return next(_on_one_clock(reader, (changed(concatenate(tuple(chunks)), changes, joints),)))
+    return next(_as_sampled(reader, (changed(concatenate(tuple(chunks)), changes, joints),)))
 
 
-def _on_one_clock(reader: Reader, chunks: Iterable[Recording]) -> Iterator[Recording]:
-    """Corrects stamps of arrival, but for a bag: its messages are stamped as those that a running robot sends."""
-    return iter(chunks) if isinstance(reader, BagLog) else with_steps_of_motion(chunks)
+def _as_sampled(reader: Reader, chunks: Iterable[Recording]) -> Iterator[Recording]:
+    """The samples as they were taken; those of a bag are, as its messages are those that a running robot sends."""
+    return iter(chunks) if isinstance(reader, BagLog) else _of_table(chunks)
+
+
+def _of_table(chunks: Iterable[Recording]) -> Iterator[Recording]:
+    """Without samples that repeat the joints' values, and with stamps of arrival corrected."""
+    return with_steps_of_motion(without_repeats(chunks))
 
 
 def _chosen(recording: Recording, joints: Sequence[str] | None, require: Collection[str]) -> Recording:

@@ -136,8 +136,11 @@ def with_steps_of_motion(chunks: Iterable[Recording], settings: StampSettings | 
         keep = 1.0 - float(stamped.mean()) / settings.memory
         error, _ = lfilter([keep], [1.0, -keep], stamped - true, zi=[keep * ahead])
         begin = np.full(len(chunk) - len(true), ahead)
-        time, ahead = chunk.time - np.concatenate([begin, error]), float(error[-1])
-        note = () if noted else (_note(stamped, true),)
+        time = chunk.time - np.concatenate([begin, error])
+        if (np.diff(time) <= 0.0).any():  # velocities do not fit the positions
+            yield replace(chunk, time=chunk.time - ahead) if ahead else chunk
+            continue
+        ahead, note = float(error[-1]), () if noted else (_note(stamped, true),)
         noted = True
         yield replace(chunk, time=time, notes=(*chunk.notes, *note))
 

@@ -35,7 +35,7 @@ from stadera.lab.plant.plant import SimulationError
 from stadera.lab.scenarios.catalog import Load, SimulateSettings
 from stadera.lab.scenarios.run import simulate, stored, swing
 from stadera.lab.truth import Truth
-from stadera.logs import Recording
+from stadera.logs import Recording, stream
 from stadera.robot import Robot, load_robot
 from stadera.trunk import make_estimator
 from stadera.trunk.registry import Setup
@@ -97,7 +97,7 @@ def weigh_real(case: RealityCase, logs: Path | None = None) -> dict[str, Any]:
         return {"fell": str(error), "robot_mass": robot.mass, "methods": {}}
     if truth.fell is not None:
         return {"fell": truth.fell[1], "robot_mass": robot.mass, "methods": {}}
-    samples = Samples.of_recording(log, robot)
+    samples = Samples.of_recording(next(stream(log, rows=len(log))), robot)  # as a user's log is read
     methods = {name: _weighed(name, robot, samples, truth) for name in (OURS, "ls", "rls", "kalman")}
     legs = _identified(case, robot, logs)
     if legs is not None:
