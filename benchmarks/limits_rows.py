@@ -5,7 +5,7 @@
 
 and for legs in the air three rows of their joints more, S p = -(h - τ), with h the torques of the model's rigid bodies:
 
-    rotor, viscous, Coulomb, offset, lag    as in `stadera.trunk.swing`
+    rotor, friction, offset, lag            as in `stadera.trunk.swing`
     gain                                    τ
     links, encoders, axes of the IMU        derivatives of h by differences; h is linear in the links' ten parameters
 """
@@ -113,7 +113,7 @@ def _swing_rows(rows: BlockRows, effects: Array) -> tuple[Array, Array, NDArray[
     """Rows (k, ERRORS), targets (k,) and joints (k,) of the legs in the air in one block."""
     swing, each = rows.swing, np.arange(12)
     S = effects.copy()
-    for term, name in enumerate(("rotor", "viscous", "coulomb", "offset")):
+    for term, name in enumerate(("rotor", "viscous", "coulomb", "load_friction", "offset")):
         S[each, PLACES[name].start + each] = swing.terms[term]
     S[:, PLACES["torque_lag"].start] = -swing.rate
     used = np.flatnonzero(swing.air.repeat(3))

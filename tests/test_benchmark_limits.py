@@ -20,6 +20,7 @@ from layout import ERRORS, PLACES
 from stadera.inertia import InertialParameters
 from stadera.lab.experiments.reality import RealityCase
 from stadera.lab.reality.draw import REAL_SETS, drawn
+from stadera.lab.scenarios import catalog
 from stadera.lab.scenarios.catalog import SimulateSettings
 from stadera.lab.scenarios.run import simulate
 from stadera.robot import load_robot
@@ -112,9 +113,10 @@ def test_law_of_errors_is_that_of_the_test_beds_draws() -> None:
     assert (np.abs(found[:, varied].mean(axis=0) - law.mean[varied]) < 0.3 * expected[varied]).all()
 
 
-def test_true_errors_explain_the_rows_of_a_trot() -> None:
+def test_true_errors_explain_the_rows_of_a_trot(monkeypatch: pytest.MonkeyPatch) -> None:
     """Each kind has the right columns and sign: without it, or with the opposite sign, more is left."""
     robot = load_robot("hyq")
+    monkeypatch.setattr(catalog, "REAL_SETS", {"real-unit-gain": replace(REAL_SETS["real-unit-gain"], varying=None)})
     run = simulate(robot, "trot", SimulateSettings("real-unit-gain", duration=2.5, seed=5, hold=2, rate=500.0))
     samples, (trunk, _) = Samples.of_recording(run.recording, robot), true_trunks(run.truth)
     assert run.truth.drawn is not None

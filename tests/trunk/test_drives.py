@@ -52,7 +52,7 @@ def test_a_trot_tells_rotor_inertia_and_friction_within_their_bars() -> None:
         true.append(drawn(seed))
         std.append(drives.std[:, :3])
     off, true, std = map(np.concatenate, (off, true, std))
-    assert np.median(np.abs(off[:, 2] / true[:, 2])) < 0.25  # Coulomb friction
+    assert np.median(np.abs(off[:, 2] / true[:, 2])) < 0.3  # Coulomb friction, which varies by as much with position
     z = np.abs(off / std)
     assert np.median(z) < 1.2
     assert np.quantile(z, 0.9) < 2.5

@@ -45,7 +45,7 @@ class RunOptions:
     errors: Annotated[
         str,
         option(
-            "ideal|standard|harsh|real|real-unit-gain|real-varying",
+            "ideal|standard|harsh|real|real-unit-gain",
             "Kind of sensor errors; real: also of the robot and the ground.",
         ),
     ] = "standard"

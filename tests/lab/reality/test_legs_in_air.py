@@ -40,12 +40,18 @@ def test_one_leg_or_all() -> None:
 
 
 def test_friction_and_rotors_are_found_in_it() -> None:
-    run = swing(GO2, "LF", SimulateSettings(errors="real", seed=105, duration=20.0))
+    """Friction as it is on the path: it varies with position, and grows with the torque carried."""
+    run = swing(GO2, "LF", SimulateSettings(errors="real", seed=106, duration=20.0))
     found = identify(GO2, run.recording, IdentifySettings(legs=("LF",), split=1.0)).to_dict()["joints"]
-    drawn = truth_json(run.truth)["drawn"]
+    drawn, motion = truth_json(run.truth)["drawn"], run.true_motion
+    law = drawn["varying"]["friction"]
     for joint, fit in found.items():
-        true, gain = drawn["joints"][joint], drawn["torque_gain"][joint]
-        assert fit["coulomb"]["value"] == pytest.approx(gain * true["coulomb"], rel=0.2)
+        true, gain, k = drawn["joints"][joint], drawn["torque_gain"][joint], list(drawn["joints"]).index(joint)
+        position, effort = (values[:, motion.joints.index(joint)] for values in (motion.position, motion.effort))
+        place = np.linspace(law["low"][k], law["high"][k], len(law["variation"][k]))
+        friction = true["coulomb"] * (1.0 + np.interp(position, place, law["variation"][k]).mean())
+        friction += law["load"][k] * np.abs(effort).mean()
+        assert fit["coulomb"]["value"] == pytest.approx(gain * friction, rel=0.2)
         assert fit["armature"]["value"] == pytest.approx(gain * true["armature"], rel=0.3)
 
 

@@ -32,6 +32,7 @@ EXACT = replace(
     quantised=0.0,
     encoder_zero=0.0,
     delay=(0.003, 0.003),
+    varying=None,
 )
 
 
@@ -138,16 +139,16 @@ def test_samples_are_lost_and_wild() -> None:
 
 
 def test_what_varies_is_drawn_beside_all_else_and_is_in_the_log() -> None:
-    real, varying = (drawn(GO2, REAL_SETS[name], 5) for name in ("real", "real-varying"))
-    one, other = real.to_dict(), varying.to_dict()
-    assert "varying" not in one
-    assert one == {name: value for name, value in other.items() if name != "varying"}
-    v = varying.varying
+    real = drawn(GO2, REAL_SETS["real"], 5)
+    without, whole = drawn(GO2, replace(REAL_SETS["real"], varying=None), 5).to_dict(), real.to_dict()
+    assert "varying" not in without
+    assert without == {name: value for name, value in whole.items() if name != "varying"}
+    v = real.varying
     assert v is not None
     assert 80.0 <= v.lowpass <= 260.0
     assert 0.0 <= v.jitter <= 0.002
     assert (np.abs(v.drift) <= 0.003 * effort_limits(GO2)).all()
-    draw = replace(varying, noise=0.0, quantum=None, lost=0.0, spikes=0.0)
+    draw = replace(real, noise=0.0, quantum=None, lost=0.0, spikes=0.0)
     motion = TrueMotion.of(thrown(GO2, 400)[0], GO2)
     plain = measured_log(motion, GO2, replace(draw, varying=None), 0, 1000.0)
     log = measured_log(motion, GO2, replace(draw, varying=replace(v, held={"joints": 4}, jitter=0.002)), 0, 1000.0)
@@ -193,4 +194,4 @@ def test_the_truth_is_in_the_truth_file_only() -> None:
 def test_a_rate_asked_for_comes_before_the_drawn_one() -> None:
     settings = SimulateSettings(errors="real", seed=3, duration=0.2, rate=250.0)
     steps = np.diff(simulate(GO2, "stand", settings).recording.time)
-    assert np.median(steps) == pytest.approx(0.004)
+    assert np.mean(steps) == pytest.approx(0.004, rel=0.03)  # stamps jitter, and samples are lost

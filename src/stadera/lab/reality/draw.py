@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import Any
 
@@ -92,7 +92,7 @@ class RealSizes:
     friction: Range = (0.45, 0.9)
     lost: Range = (0.0, 0.005)  # share of samples lost, uniform
     spikes: Range = (0.0, 0.5)  # outliers per second, uniform
-    varying: VaryingSizes | None = None  # what varies over a log; None for nothing
+    varying: VaryingSizes | None = field(default_factory=VaryingSizes)  # what varies over a log; None for nothing
     # frequency [Hz] with which a joint's gear lets swing what is beyond it (the whole robot on the joint of a leg),
     # uniform; encoders are on the motors' side. None for stiff joints.
     elastic: Range | None = None
@@ -108,12 +108,10 @@ REAL_SETS: Mapping[str, RealSizes] = MappingProxyType(
     {
         "real": RealSizes(),
         "real-unit-gain": replace(RealSizes(), common_gain=0.0),
-        "real-varying": replace(RealSizes(), varying=VaryingSizes()),
     }
 )
 """By name: realistic errors, and the same with a mean gain of all torques of one, which weight cannot show. Gains of
-`real` are not normalised: their mean is the common gain times the mean of the joints' own. `real-varying` has also what
-varies over a log; all else is drawn as in `real`.
+`real` are not normalised: their mean is the common gain times the mean of the joints' own.
 """
 
 
@@ -183,7 +181,7 @@ class DrawnRobot:
     lost: float  # share of samples
     spikes: float  # per second
     compliance: Array  # of the gears [rad/(N·m)]
-    varying: DrawnVarying | None = None  # what varies over the run
+    varying: DrawnVarying | None  # what varies over the run
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values, SI units; joints by name, links with their true ten parameters."""

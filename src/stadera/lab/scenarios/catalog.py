@@ -65,7 +65,7 @@ class Load:
 class SimulateSettings:
     """Settings of a run."""
 
-    # ideal, standard or harsh, of the sensors; or real, real-unit-gain, real-varying: of robot, sensors and ground
+    # ideal, standard or harsh, of the sensors; or real, real-unit-gain: of robot, sensors and ground
     errors: str = "standard"
     load: Load | None = None  # None for the scenario's own
     slope: float | None = None  # of the ground [rad]; None for the scenario's own, or with real errors the drawn one
