@@ -24,7 +24,7 @@ from stadera.trunk.settings import ModelErrors, SwingDetection
 from stadera.trunk.spikes import SpikeFilter
 from stadera.trunk.swing import SwingJoints
 
-ROTOR, VISCOUS, COULOMB, OFFSET, LAG = 0.04, 0.4, 1.5, 0.6, 4e-3
+ROTOR, VISCOUS, COULOMB, BY_LOAD, OFFSET, LAG = 0.04, 0.4, 1.5, 0.08, 0.6, 4e-3
 IN_THE_AIR = np.array([True, True, False, False])
 
 
@@ -40,9 +40,9 @@ def swung(blocks: int, noise: float, wild: float = 0.0, seed: int = 0) -> SwingJ
     for k in range(blocks):
         phase = 0.4 * k + np.arange(12)
         velocity, acceleration = 3.0 * np.cos(phase), 60.0 * np.sin(1.7 * phase)
-        terms = np.stack([acceleration, velocity, np.tanh(velocity / 0.02), np.ones(12)])
-        rate = 400.0 * np.cos(0.9 * phase)
-        asked = ROTOR * terms[0] + VISCOUS * terms[1] + COULOMB * terms[2] + OFFSET
+        sign, rate = np.tanh(velocity / 0.02), 400.0 * np.cos(0.9 * phase)
+        terms = np.stack([acceleration, velocity, sign, sign * np.abs(20.0 * np.sin(2.3 * phase)), np.ones(12)])
+        asked = np.array([ROTOR, VISCOUS, COULOMB, BY_LOAD, OFFSET]) @ terms
         # h + asked = τ = τ_measured + d τ̇, so h - τ_measured = d τ̇ - asked
         residual = LAG * rate - asked + noise * rng.standard_normal(12)
         if wild and k % 20 == 7:
@@ -60,7 +60,7 @@ def test_feet_that_touch_in_a_few_blocks_are_no_misfit() -> None:
 def test_joints_are_found_and_wild_rows_left_out(wild: float) -> None:
     mean, covariance = swung(200, 0.1, wild).posterior()
     std = np.sqrt(np.diag(covariance))
-    truth = {"rotor": ROTOR, "viscous": VISCOUS, "coulomb": COULOMB, "offset": OFFSET}
+    truth = {"rotor": ROTOR, "viscous": VISCOUS, "coulomb": COULOMB, "load_friction": BY_LOAD, "offset": OFFSET}
     for name, value in truth.items():
         seen = slice(PLACES[name].start, PLACES[name].start + 6)
         assert (np.abs(mean[seen] - value) < 3.0 * std[seen]).all(), name
@@ -82,7 +82,7 @@ def test_nothing_in_the_air_leaves_the_prior() -> None:
     model = ErrorModel(robot(), ModelErrors(), 0.7)
     mean, covariance = SwingJoints(model, SwingDetection()).posterior(np.full(LAYOUT.by_swing.stop, 0.5))
     assert not mean.any()
-    np.testing.assert_allclose(covariance, 0.25 * model.covariance[:49, :49], rtol=1e-6)
+    np.testing.assert_allclose(covariance, 0.25 * model.covariance[:61, :61], rtol=1e-6)
 
 
 def test_the_misfit_is_of_the_residual() -> None:

@@ -61,9 +61,9 @@ class ErrorLayout:
     def places(self) -> Mapping[str, slice]:
         """Index ranges of the errors in p, by name."""
         joints, links, sizes = self.joints, self.links, {}
-        for name in ("rotor", "viscous", "coulomb"):
+        for name in ("rotor", "viscous", "coulomb", "load_friction"):
             sizes[name] = joints
-        sizes |= {"torque_lag": 1, "offset": joints, "gain": joints, "load_friction": joints}
+        sizes |= {"torque_lag": 1, "offset": joints, "gain": joints}
         sizes |= {"encoder": joints, "contact": 3 * self.contacts}
         sizes |= {"link_mass": links, "link_com": 3 * links}
         for name in ("rotor", "viscous", "coulomb", "offset", "mass"):

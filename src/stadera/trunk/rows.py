@@ -278,7 +278,7 @@ class RowMaker:
         """Halves of windows of B blocks, of a robot with J joints in its legs, K links and L feet, by name:
 
         plain: (B, 2, ...), sums weighted by the rising and by the falling half, of signals (12), target (6), jerk
-            (J + 3), and six numbers of each joint: q̈, q̇, s, 1, τ̇, h - τ.
+            (J + 3), and seven numbers of each joint: q̈, q̇, s, s |τ|, 1, τ̇, h - τ.
         by_rate, squared: (B, 2, 6), of E τ̇, and, with w² for w, of E σ² Eᵀ of white torque noise.
         by_terms, by_links: (B, 2, J, 6, terms) and (B, 2, K, 6, 10), of E times q̈, q̇, s, s |τ|, 1 and τ, and of
             `State.columns`.
@@ -323,7 +323,7 @@ class RowMaker:
             out["by_links"],
             force,
         )
-        plain = np.hstack([signals, target, jerk, acceleration, velocity, sure, one, rate, left])
+        plain = np.hstack([signals, target, jerk, acceleration, velocity, sure, loaded, one, rate, left])
         counts, end, begin = np.diff(window.edges), samples.time[window.edges[1:]], samples.time[window.edges[:-1] + 1]
         step = np.where(counts > 1, (end - begin) / np.maximum(counts - 1, 1), 0.02)
         summed = window.sums(window.both, plain)
@@ -443,7 +443,7 @@ class RowMaker:
         sums = {name: first[name][:, 0] + second[name][:, 1] for name in _SUMMED if name in first}
         plain, alternated = sums["plain"], sums["alternating"]
         signals, target, jerk, joint = plain[:, :12], plain[:, 12:18], plain[:, 18 : 21 + J], plain[:, 21 + J :]
-        joint = joint.reshape(B, 6, J)
+        joint = joint.reshape(B, 7, J)
         averaged, differentiated = (first[name] + second[name] for name in ("averaged", "differentiated"))
         probes, middle = (0.5 * (first[name] + second[name]) for name in ("probes", "middle"))
         elapsed = second["end"] - first["end"]
@@ -515,7 +515,7 @@ class RowMaker:
                 float(elapsed[b]),
                 columns[b],
                 white[b],
-                SwingRows(air[b], joint[b, :4], joint[b, 4], joint[b, 5], noise.torque[b], sliding[b], stepping[b]),
+                SwingRows(air[b], joint[b, :5], joint[b, 5], joint[b, 6], noise.torque[b], sliding[b], stepping[b]),
                 unsure[b],
                 None if limbs is None else limbs[b],
             )

@@ -2,7 +2,7 @@
 
 A leg in the air has no contact force, so each of its joints obeys
 
-    h + I_r q̈ + b q̇ + c s + o = τ(t),        τ(t) = τ_measured(t) + d τ̇_measured(t)
+    h + I_r q̈ + b q̇ + (c + k |τ|) s + o = τ(t),        τ(t) = τ_measured(t) + d τ̇_measured(t)
 
 with h of the rigid bodies, s the smoothed sign of q̇ and d the torques' lag, common to all joints. The trunk's mass
 does not enter these rows, so wrong torques under load cannot affect them. A friction law errs alike over a whole swing,
@@ -17,6 +17,8 @@ from scipy.linalg import lapack
 from stadera.trunk.error_model import ErrorModel
 from stadera.trunk.settings import SwingDetection
 from stadera.types import Array, Bools
+
+_NONE = 1e-18  # variance of an error that a user takes to be none
 
 
 class SwingJoints:
@@ -36,9 +38,10 @@ class SwingJoints:
         layout, count = errors.layout, errors.layout.by_swing.stop
         self._limit, self._settings, self._legs = errors.limit, settings, layout.legs
         self._each, self._lag = np.arange(layout.joints), layout.places["torque_lag"].start
-        laws = [layout.places[name].start for name in ("rotor", "viscous", "coulomb", "offset")]
+        laws = [layout.places[name].start for name in ("rotor", "viscous", "coulomb", "load_friction", "offset")]
         self._at = np.array(laws)[:, None] + self._each
-        self._prior = np.linalg.inv(errors.covariance[layout.by_swing, layout.by_swing])
+        prior = errors.covariance[layout.by_swing, layout.by_swing]
+        self._prior = np.linalg.inv(prior + np.diag(np.where(np.diagonal(prior) > 0.0, 0.0, _NONE)))
         self._normal, self._right = np.zeros((count, count)), np.zeros(count)
         self._square, self.rows = 0.0, 0.0
         self._last, self._typical = np.zeros(count), np.inf
@@ -53,7 +56,7 @@ class SwingJoints:
 
         Args:
             air: (legs,) bool, the legs in the air throughout the block.
-            terms: (4, joints), averages of q̈, q̇, s and 1 by joint.
+            terms: (5, joints), averages of q̈, q̇, s, s |τ| and 1 by joint.
             rate: (joints,) [N·m/s], of the torques. residual: (joints,) [N·m], h - τ_measured.
             white: (joints,) [N·m], standard deviation of its white noise.
         """
