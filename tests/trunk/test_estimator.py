@@ -380,11 +380,11 @@ def test_bad_settings_are_named() -> None:
     ("settings", "name"),
     [
         (lambda: ChangeSettings(deviations=-1.0), "deviations"),
-        (lambda: ChangeSettings(memory=float("nan")), "memory"),
+        (lambda: ChangeSettings(trusted=float("nan")), "trusted"),
         (lambda: ChangeSettings(windows=(12, 6)), "windows"),
         (lambda: ChangeSettings(windows=()), "windows"),
         (lambda: ChangeSettings(windows=(6, 200)), "pending"),
-        (lambda: ChangeSettings(agreeing=5.0), "agreeing"),
+        (lambda: ChangeSettings(agreeing=6.0), "agreeing"),
         (lambda: SwingDetection(repeated=0.5), "repeated"),
         (lambda: SwingDetection(lift=0.0), "lift"),
     ],

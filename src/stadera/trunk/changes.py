@@ -1,41 +1,35 @@
-"""Detects changes of the load by comparing averages over the latest blocks with the estimate from earlier ones.
+"""Detects changes of the load: the latest blocks against the estimate before them, by the bars of a payload.
 
-A block's residual r = b - A θ̂ - C p̂ with respect to the earlier estimate, resolved along the specific force a, gives
-the block's difference in mass and in the first moment across a, for r_force = δm a and r_moment = δh x a::
+The estimate before the last n blocks is θ̂, which errors p move by -K p. With W the weights of the last n blocks and r
+their residuals with respect to it, r = b - A θ̂ - C p̂, the trunk since then differs by
 
-    δm = a · r_force / a²,      δh = a x r_moment / a²
+    δ = N⁻¹ Aᵀ W r,      N = Aᵀ W A + P₀⁻¹,      ∂δ/∂p = -N⁻¹ Aᵀ W (C - A K)
 
-(The first moment along a, a height, is observable in fast motion only, so no change is sought in it.) Blocks in which a
-foot touches down deviate briefly by more than a load does, so an average over n blocks is a Huber mean: values further
-from the median than a few times the usual scatter of single blocks are clipped, and no block counts for more than a
-usual one (a² would let an impact of ten g count for a hundred blocks). On hard ground such means differ by far from
-those of the least squares that gave θ̂, so an average is compared with the Huber mean of all earlier blocks.
+where P₀ is wide. The covariance of δ is that of a payload since a tare: the rows' scatter, and what uncertain errors do
+to the difference (`Errors.difference_covariance`). So a change is what the bars say is one: δ over its standard
+deviation, the largest of mass and first moments, for a number of n. A robot that has only stood
+has the static friction that it had, unless its load changes, so there it cancels (`Errors.same_load_covariance`).
 
-The variance of averages under a constant load is taken from the log: the mean square of past averages for each n, given
-the present estimates of the joints' errors, plus the effect of model errors when the robot moves as it did not before
-(it sets out, turns, stops). Long averages have few samples, so the limit in standard deviations is Student's. A change
-is reported when it exceeds both the least change and a number of standard deviations for several blocks in succession.
-A sustained push is reported as a change too: until it ends it cannot be distinguished from a load.
+What a robot does and the model does not know makes these ratios larger, differently for different n. Their mean square
+under a constant load is taken from the log; one, as honest bars have it, counts as some ratios seen before. A change is
+reported when it exceeds the least change and a number of standard deviations several times in succession. A sustained
+push is reported as a change too: until it ends it cannot be distinguished from a load.
 """
 
 from __future__ import annotations
 
-from functools import lru_cache
+from collections import deque
+from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.special import ndtr, stdtrit
 
-from stadera.compiled import compiled, load
-from stadera.inertia import skew
-from stadera.trunk.error_model import ErrorLayout
+from stadera.trunk.history import History
 from stadera.trunk.joint_errors import Errors
-from stadera.trunk.segment import Segment, WeightedRows
+from stadera.trunk.placed import Told
+from stadera.trunk.segment import Segment
 from stadera.trunk.settings import ChangeSettings
 from stadera.types import Array
-
-Ints = NDArray[np.int64]
 
 
 class Jump(NamedTuple):
@@ -50,104 +44,21 @@ class Jump(NamedTuple):
     reported: bool
 
 
-class Spread(NamedTuple):
-    """Spread of averages under a constant load, by window.
+class Difference(NamedTuple):
+    """Of the trunk over the latest blocks and before them.
 
     Attributes:
-        square: (windows, 4) their mean square. usual: (windows, 4) variance due to model errors, on average.
-        samples: (windows,) number of independent averages.
+        before: the estimate before them. size: (10,), δ. std: (4,), of its mass and first moments.
     """
 
-    square: Array
-    usual: Array
-    samples: Array
-
-    def updated(self, more: Spread, prior: float) -> Spread:
-        """With more averages; `prior` is the number that the first mean squares count as."""
-        before, now = self.samples[:, None], more.samples[:, None]
-        worth = prior + before
-        return Spread(
-            (more.square * now + self.square * worth) / (now + worth),
-            (more.usual * now + self.usual * before) / np.maximum(now + before, 1e-300),
-            more.samples + self.samples,
-        )
-
-
-class Usual(NamedTuple):
-    """What is usual for single blocks of the past: their number, scatter, Huber mean and largest weight, (4,) each."""
-
-    blocks: int
-    scatter: Array
-    centre: Array
-    heaviest: Array
-
-
-class Largest(NamedTuple):
-    """The deviation with most standard deviations: its number of blocks, standard deviations, δ, its variance, and
-    whether it exceeds the least change.
-    """
-
-    blocks: int
-    ratio: float
+    before: Segment
     size: Array
-    variance: Array
-    reported: bool
+    std: Array
 
-
-class Deviations(NamedTuple):
-    """Averages over the latest blocks, one for each window, in units of mass and first moment.
-
-    Attributes:
-        size: (windows, 4), δ. own: (windows, 4), variance due to noise in them; before: (4,), in the earlier estimate.
-    """
-
-    size: Array
-    own: Array
-    before: Array
-
-
-class Blocks:
-    """Ring buffer of the latest blocks: their rows, projected on the specific force a, and running sums of these.
-
-    Projected rows are a · r_force and a x r_moment of a block's `columns`, and the square of a: (4, columns + 1).
-    A sum over any range is the difference of two running sums.
-    """
-
-    def __init__(self, most: int, columns: int) -> None:
-        self._most, self.end, self.count = most, 0, 0
-        self.rows = np.empty((2 * most, 1 + 3, columns + 1))
-        self.sums = np.zeros((2 * most + 1, *self.rows.shape[1:]))
-
-    def push(self, rows: WeightedRows) -> None:
-        """Appends a block."""
-        if self.end == len(self.rows):  # the latest move to the buffer's beginning
-            kept, end = self._most, self.end
-            self.rows[:kept], self.sums[: kept + 1] = self.rows[end - kept :], self.sums[end - kept :]
-            self.sums[: kept + 1] -= self.sums[0].copy()
-            self.end = kept
-        A, new = rows.columns, self.rows[self.end]
-        x, y, z = A.item(4, 3), A.item(5, 1), A.item(3, 2)  # a in the unit of moments, as A[:3, 0] is in that of forces
-        new[0, :-1] = A[:3, 0] @ A[:3]
-        new[1:, :-1] = skew((x, y, z)) @ A[3:]
-        new[0, -1], new[1:, -1] = new[0, 0], x * x + y * y + z * z
-        self.sums[self.end + 1] = self.sums[self.end] + new
-        self.end, self.count = self.end + 1, min(self.count + 1, self._most)
-
-    def singles(self, n: int, known: Segment, errors: Errors, scale: Array) -> tuple[Array, Array]:
-        """Of the last n blocks (n, 4): each one's own difference in units of `scale`, and its weight."""
-        rows = self.rows[self.end - n : self.end].reshape(4 * n, -1)
-        weight = np.maximum(rows[:, -1], 1e-12).reshape(n, 4)
-        residual = (rows[:, :-1] @ known.combination(errors.mean)).reshape(n, 4)
-        return residual / (weight * scale), weight
-
-    def by_errors(self, begin: Ints, end: Ints, known: Segment, errors: Errors, scale: Array) -> Array:
-        """Variances (k, 4) of averages due to model errors, Σ (C - A K)² σ² of the summed rows over the square of
-        their weight; from `begin` to before `end`, (k,), both counted backwards from the last block.
-        """
-        totals = self.sums[self.end - end] - self.sums[self.end - begin]
-        moved = known.by_errors(totals[..., :-1]) * errors.std
-        variance = np.einsum("kce,kce->kc", moved, moved)
-        return np.asarray(variance / (np.maximum(totals[..., -1], 1e-12) * scale) ** 2)
+    @property
+    def ratios(self) -> Array:
+        """(4,), of mass and first moments to their standard deviations."""
+        return np.asarray(np.abs(self.size[:4]) / self.std)
 
 
 class ChangeDetector:
@@ -156,197 +67,131 @@ class ChangeDetector:
     Args:
         settings: limits for a change.
         scale: (4,) units of mass and first moments: the robot's mass, and that times the leg's length.
-        block: length of a block [s]. layout: places of the model errors. places: number of those where a load may be,
-            besides the trunk.
+        wide: (10,), standard deviations of a change before any row.
     """
 
-    def __init__(
-        self, settings: ChangeSettings, scale: Array, block: float, layout: ErrorLayout, places: int = 0
-    ) -> None:
-        load(huber_means)
-        self.settings, self._scale, self._block = settings, scale, block
-        self._windows = np.array(settings.windows)
-        self._blocks = Blocks(round(settings.memory / block), 11 + layout.count + 10 * places)
-        shape = len(settings.windows), len(scale)
-        # up to the last change of the load, and up to now
-        self._usual = Spread(np.full(shape, settings.prior**2), np.zeros(shape), np.zeros(len(settings.windows)))
-        self._spreads = self._usual
-        self._past = Usual(0, settings.prior * np.ones_like(scale), np.zeros_like(scale), np.inf * scale)
-        self._persists = 0
+    def __init__(self, settings: ChangeSettings, scale: Array, wide: Array) -> None:
+        self.settings, self._scale, self._wide = settings, scale, wide
+        self._windows = settings.windows
+        self._products: deque[Array] = deque(maxlen=settings.windows[-1])  # Aᵀ W of all columns, by block
+        self._square = np.ones((len(settings.windows), 4))  # mean square of ratios under a constant load
+        self._count = np.full(len(settings.windows), settings.trusted)  # of independent ones
+        self._waiting: deque[dict[int, Array]] = deque()  # unusual ratios
+        self._seen = self._persists = 0
+        self._moved = False
 
     def restart(self, kept: int) -> None:
         """Restarts after a change of the load: only the last `kept` blocks belong to the new one."""
-        self._persists, self._blocks.count, self._usual = 0, kept, self._spreads
+        products = list(self._products)[-kept:] if kept else []
+        self._products = deque(products, maxlen=self._products.maxlen)
+        self._persists = 0
+        self._waiting.clear()
 
     def dismiss(self) -> None:
         """Forgets a change that was about to be reported, which another place of the load explains."""
         self._persists = 0
 
-    def look(self, rows: WeightedRows, before: Segment, errors: Errors, held: bool) -> Jump | None:
+    def look(self, history: History, errors: Errors, held: bool) -> Jump | None:
         """Returns a change when the last block makes it certain, else None.
 
         Args:
-            rows: the last block.
-            before: the estimate without the last `pending` blocks.
-            errors: mean and standard deviations of the model's errors.
+            history: all blocks, the last one included.
+            errors: mean and covariance of the model's errors.
             held: suppress reports, because the model does not fit.
         """
-        self._blocks.push(rows)
-        found, best = self._deviations(before, errors), None
-        if found is not None and self._conspicuous(found.size):
-            best = self._largest(found, np.zeros_like(found.size))
-            if best.ratio > self.settings.deviations:  # model errors only add to the variance
-                n = self._windows[: len(found.size)]
-                by_model = self._blocks.by_errors(n, np.zeros_like(n), before, errors, self._scale)
-                best = self._largest(found, by_model)
-        beyond = best is not None and best.ratio > self.settings.deviations and not held
-        self._persists = (self._persists + 1) * beyond
-        if best is None or self._persists < self.settings.confirmed:
+        rows, settings = history.recent[-1], self.settings
+        self._products.append(rows.weight * rows.columns[:, :10].T @ rows.columns)
+        self._seen += 1
+        self._moved = self._moved or rows.sliding >= settings.sliding
+        if self._seen % settings.every:
             return None
-        return Jump(self._placed(best, before, errors), best.reported)
+        found = self._differences(history, errors)
+        best, ratio = 0, 0.0
+        for k, each in found.items():
+            ratios = each.ratios / np.sqrt(self._square[k])
+            if not self._large(each).any() and 3 * self._windows[k] < settings.pending:
+                continue  # small changes count in long averages only
+            if ratios.max() > ratio:
+                best, ratio = k, float(ratios.max())
+        self._learn({k: each.ratios for k, each in found.items()})
+        self._persists = (self._persists + 1) * (ratio > settings.deviations and not held)
+        if self._persists < settings.confirmed:
+            return None
+        change = found[best]
+        return Jump(self._placed(change, self._windows[best], history, errors), bool(self._large(change).any()))
 
-    def returned(self, before: Segment, since: Segment, errors: Errors) -> bool:
-        """True if the load is again what it was before a change: averages over the latest blocks agree with the
-        estimate before, and not with that `since` the change. It was a push, or a foot that was caught.
+    def returned(self, before: Segment, since: Segment, history: History, errors: Errors) -> bool:
+        """True if the load is again what it was before a change: the latest blocks agree with the estimate before, and
+        not with that `since` the change. It was a push, or a foot that was caught.
         """
-        settings = self.settings
-        if self._blocks.count < settings.back:
+        settings, n = self.settings, self.settings.back
+        if len(self._products) < n:
             return False
-        at = settings.windows.index(settings.back)
+        usual, total = np.sqrt(self._square[self._windows.index(n)]), self._sums([n])[0]
 
         def ratio(segment: Segment) -> float:
-            means, _ = self._means(self._windows[at : at + 1], segment, errors)
-            return float((np.abs(means[0] - self._past.centre) / np.sqrt(self._spreads.square[at])).max())
+            return float((self._difference(segment, total, history.noise, errors).ratios / usual).max())
 
         return ratio(before) < settings.agreeing and ratio(since) > settings.deviations
 
-    def learn(self, before: Segment, errors: Errors) -> None:
-        """Updates the spread of averages under a constant load.
+    def _large(self, change: Difference) -> Array:
+        """Which of mass and first moments (4,) change by more than the least change that is reported."""
+        return np.asarray(np.abs(change.size[:4]) > self.settings.least_change * self._scale)
 
-        Uses all blocks except the last `pending`, in which a change may still be detected, and the present estimates of
-        the model errors. Averages overlap by half, so two count as one sample.
+    def _sums(self, windows: list[int]) -> list[Array]:
+        """Sums of the products of the last blocks, for each window."""
+        latest, out = np.array(self._products)[::-1], list[Array]()
+        for begin, end in zip([0, *windows], windows, strict=False):
+            part = latest[begin:end].sum(axis=0)
+            out.append(out[-1] + part if out else part)
+        return out
+
+    def _differences(self, history: History, errors: Errors) -> dict[int, Difference]:
+        """Those over all windows with enough blocks before them, by the window's number."""
+        before = {}
+        for k, n in enumerate(self._windows):
+            known = history.before_last(n) if n <= len(self._products) else None
+            if known is not None and known.weight >= self.settings.history:
+                before[k] = known
+        sums = self._sums([self._windows[k] for k in before])
+        return {
+            k: self._difference(known, total, history.noise, errors)
+            for (k, known), total in zip(before.items(), sums, strict=True)
+        }
+
+    def _difference(self, before: Segment, total: Array, noise: float, errors: Errors) -> Difference:
+        """Over blocks of which the products' sum is known; their rows scatter by `noise` times their unit."""
+        scaled = self._wide[:, None] * total[:, :10] * self._wide  # rounding hides parameters that no row shows
+        inverse = self._wide[:, None] * np.linalg.inv(scaled + np.eye(10)) * self._wide
+        size = inverse @ (total @ before.combination(errors.mean))
+        known = before.whole
+        sensitivity = known.sensitivity + inverse @ before.by_errors(total)
+        root = np.sqrt(noise) * np.linalg.cholesky(0.5 * (inverse + inverse.T))
+        since = Told(root, np.hstack([size[:, None], sensitivity]), np.empty((10, 0)))
+        covariance = errors.difference_covariance if self._moved else errors.same_load_covariance
+        return Difference(before, size, np.sqrt(np.diagonal(covariance(known, since))[:4]))
+
+    def _learn(self, ratios: dict[int, Array]) -> None:
+        """Updates the mean squares of ratios: by unusual ones, which may be those of a change, only after `pending`."""
+        settings = self.settings
+        unusual = {k: each for k, each in ratios.items() if (each**2 > settings.unusual**2 * self._square[k]).any()}
+        self._waiting.append(unusual)
+        done = [{k: each for k, each in ratios.items() if k not in unusual}]
+        if len(self._waiting) * settings.every > settings.pending:
+            done.append(self._waiting.popleft())
+        for k, each in chain.from_iterable(some.items() for some in done):
+            share = min(settings.every / self._windows[k], 1.0)  # windows overlap
+            self._count[k] += share
+            self._square[k] += (each**2 - self._square[k]) * share / self._count[k]
+
+    def _placed(self, change: Difference, n: int, history: History, errors: Errors) -> int:
+        """Most likely number of blocks since the change: those since then fit the estimate after it better than the one
+        before.
         """
-        count, settings = self._blocks.count, self.settings
-        n = count - settings.pending
-        if n < 2 * settings.windows[0]:
-            return
-        singles, weights = (x[:n] for x in self._blocks.singles(count, before, errors, self._scale))
-        middle, heaviest = np.median(singles, axis=0), np.median(weights, axis=0)
-        scatter = np.maximum(_of_median(np.median(np.abs(singles - middle), axis=0)), 1e-6)
-        near, weights = settings.outlier * scatter, np.minimum(weights, heaviest)
-        sums = np.zeros((2, n + 1, len(self._scale)))
-        np.cumsum(np.clip(singles, middle - near, middle + near) * weights, axis=0, out=sums[0, 1:])
-        np.cumsum(weights, axis=0, out=sums[1, 1:])
-        centre = sums[0, -1] / sums[1, -1]
-        self._past = Usual(n, scatter, centre, heaviest)
-        past = Spread(*(np.zeros_like(x) for x in self._usual))
-        for k, m in enumerate(settings.windows):
-            first = np.arange(0, n - m, m // 2)
-            if len(first):
-                total, weight = sums[:, first + m] - sums[:, first]
-                squares = (total / weight - centre) ** 2
-                past.square[k] = squares.mean(axis=0)
-                by_model = self._blocks.by_errors(count - first, count - first - m, before, errors, self._scale)
-                past.usual[k] = by_model.mean(axis=0)
-                past.samples[k] = 0.5 * len(first)
-        self._spreads = self._usual.updated(past, settings.prior_averages)
-
-    def _means(self, windows: Ints, known: Segment, errors: Errors) -> tuple[Array, Array]:
-        """Huber means of the latest blocks for each window, in units of `scale`, and their weights."""
-        singles, weights = self._blocks.singles(windows[-1], known, errors, self._scale)
-        usual = self._past
-        means, total = np.empty((2, len(windows), len(self._scale)))
-        huber_means(singles, weights, windows, self.settings.outlier * usual.scatter, usual.heaviest, means, total)
-        return means, total
-
-    def _conspicuous(self, size: Array) -> bool:
-        """Whether any deviation (windows, 4) exceeds its limit if nothing adds to the spread of averages."""
-        return bool((size**2 > self.settings.deviations**2 * self._spreads.square[: len(size)]).any())
-
-    def _deviations(self, before: Segment, errors: Errors) -> Deviations | None:
-        """Deviations of the latest blocks for each full window; None if the earlier estimate is of too few blocks."""
-        windows = self._windows[self._windows <= self._blocks.count]
-        if before.weight * self._block < self.settings.history or not len(windows):
-            return None
-        means, weight = self._means(windows, before, errors)
-        known = (before.whole.inverse[: len(self._scale)] ** 2).sum(axis=1) / self._scale**2
-        return Deviations(means - self._past.centre, 1.0 / (weight * self._scale**2), known)
-
-    def _largest(self, found: Deviations, by_errors: Array) -> Largest:
-        """The deviation with most standard deviations.
-
-        A window's variance is its spread, increased by the part of the present model errors' effect (windows, 4) that
-        exceeds the usual one. Changes below `least_change` count in long averages only, and update the estimate without
-        a report.
-        """
-        n, settings = len(found.size), self.settings
-        windows, square = self._windows[:n], self._spreads.square[:n]
-        spread = square + np.maximum(by_errors - self._spreads.usual[:n], 0.0)
-        # of the earlier estimate by its rows, or by the spread of as many averages as went into the Huber mean
-        known = np.maximum(found.before, windows[:, None] / max(self._past.blocks, 1) * square)
-        variance = np.maximum(spread, found.own) + known
-        ratios, large = np.abs(found.size) / np.sqrt(variance), np.abs(found.size) > settings.least_change
-        reported = np.asarray(large.any(axis=1))
-        ratios[reported] *= large[reported]
-        samples = (self._spreads.samples[:n] + settings.prior_averages).astype(int).tolist()
-        ratio = ratios.max(axis=1) * [settings.deviations / _student(settings.deviations, m) for m in samples]
-        ratio *= reported | (3 * windows > settings.pending)
-        k = int(np.argmax(ratio))
-        return Largest(int(windows[k]), float(ratio[k]), found.size[k], variance[k], bool(reported[k]))
-
-    def _placed(self, best: Largest, before: Segment, errors: Errors) -> int:
-        """Most likely number of blocks since the change.
-
-        Projected on the change and in standard deviations, blocks before it scatter about 0 and those after it about 1,
-        equally. The likelihood of a change at k is largest where Σ_{i≥k} (x_i - 1/2) is.
-        """
-        n = min(self._blocks.count, best.blocks + self.settings.pending)
-        singles, _ = self._blocks.singles(n, before, errors, self._scale)
-        along = best.size / best.variance
-        x = np.clip((singles - self._past.centre) @ along / (best.size @ along), -1.0, 2.0) - 0.5
-        return int(np.argmax(np.cumsum(x[::-1]))) + 1
-
-
-@compiled(
-    "void(float64[:,::1], float64[:,::1], int64[::1], float64[::1], float64[::1], float64[:,::1], float64[:,::1])"
-)
-def huber_means(
-    singles: Array, weights: Array, windows: Ints, near: Array, heaviest: Array, means: Array, total: Array
-) -> None:
-    """Writes weighted means of the last blocks' differences, clipped about their median, and their weights.
-
-    Args:
-        singles, weights: (n, 4). windows: (k,), numbers of blocks. near, heaviest: (4,), limits of the distance from
-            the median and of the weight. means, total: (k, 4), written.
-    """
-    n, ordered = len(singles), np.empty(len(singles))
-    for k in range(len(windows)):
-        begin = n - windows[k]
-        for c in range(singles.shape[1]):
-            for i in range(begin, n):
-                value, at = singles[i, c], i - begin
-                while at > 0 and ordered[at - 1] > value:
-                    ordered[at] = ordered[at - 1]
-                    at -= 1
-                ordered[at] = value
-            centre = ordered[windows[k] // 2]
-            value = weight = 0.0
-            for i in range(begin, n):
-                own = min(weights[i, c], heaviest[c])
-                value += min(max(singles[i, c], centre - near[c]), centre + near[c]) * own
-                weight += own
-            total[k, c] = max(weight, 1e-12)
-            means[k, c] = value / total[k, c]
-
-
-def _of_median(deviation: Array) -> Array:
-    """Standard deviation of Gaussian values from their median absolute deviation."""
-    return np.asarray(1.5 * deviation)
-
-
-@lru_cache(maxsize=256)
-def _student(deviations: float, samples: int) -> float:
-    """Quantile of Student's t with the same tail probability as a Gaussian deviation of `deviations`, for a spread
-    estimated from `samples` independent samples.
-    """
-    return float(stdtrit(samples, ndtr(deviations)))
+        rows = list(history.recent)[-(n + self.settings.pending) :]
+        columns = np.array([each.columns for each in rows])
+        before = columns @ change.before.combination(errors.mean)
+        after = before - columns[:, :, :10] @ change.size
+        better = (before**2 - after**2).sum(axis=1)
+        usual = np.median(np.abs(better))
+        return int(np.argmax(np.cumsum(np.clip(better, -2.0 * usual, 2.0 * usual)[::-1]))) + 1

@@ -107,7 +107,7 @@ class TrunkEstimator:
         layout = self._fit.model.layout
         self._history = History(self.robot, self._start.vector, layout, self.settings, len(places), self._fit.friction)
         self._history.at = self._where.candidates[0]
-        self._changes = LoadChanges(self.robot, layout, self.settings, self._where)
+        self._changes = LoadChanges(self.robot, self.settings, self._where)
         self._known: tuple[Knowledge, ...] = ()
         self._good: Reading | None = None
         self._state, self._print = _State(), 0
@@ -422,7 +422,6 @@ class TrunkEstimator:
         rows = history.add(made.rows, fit.errors.mean)
         updated = fit.update(history, self._front)
         if fit.due - history.blocks == self.settings.updated // 2:  # not in the block that also evaluates the fit
-            self._changes.detector.learn(history.aged, fit.errors)
             self._changes.place(history, fit.errors, self.settings.compared)
         held = fit.fit is not None and fit.fit.misfit > self.settings.bad
         found = self._changes.look(rows, history, fit.errors, held)
@@ -450,7 +449,7 @@ class TrunkEstimator:
         return Correction.by(self._known, self._fit.errors, self._history.loaded or self._history.current)
 
     def _read(self, known: tuple[Knowledge, ...]) -> Reading:
-        return Reading(self.robot, self._start, self._history.current, self._fit.errors, known)
+        return Reading(self.robot, self._start, self._history.present, self._fit.errors, known)
 
     def _adopt(self, time: float, updated: bool = False) -> None:
         """Adopts the present estimate of the trunk, unless it is implausible; `updated`: with other model errors."""

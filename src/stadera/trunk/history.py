@@ -63,6 +63,12 @@ class Known(NamedTuple):
     loaded: Segment | None
 
 
+def wide_prior(robot: Robot) -> Array:
+    """Standard deviations (10,) of trunk parameters before any row."""
+    le = robot.leg_length
+    return np.asarray(robot.mass * np.array([1.0, *[0.5 * le] * 3, *[0.5 * le**2] * 6]))
+
+
 class History:
     """Sums of all rows so far.
 
@@ -91,15 +97,14 @@ class History:
         places: int = 0,
         friction: Array | None = None,
     ) -> None:
-        mass, le = robot.mass, robot.leg_length
         self._settings, self._layout, self._places = settings, layout, places
         self.at: Blocks = (0,)
         self.before: Segment | None = None
         self._divided = False  # a load began since the tare
         sizes = settings.model
         self._of_limbs = float(np.hypot(sizes.limbs * sizes.coulomb, sizes.offset)) * limb_limits(robot)
-        self._wide = mass * np.array([1.0, *[0.5 * le] * 3, *[0.5 * le**2] * 6])
-        self._unit = unit_of_rows(robot_weight(robot), le)
+        self._wide = wide_prior(robot)
+        self._unit = unit_of_rows(robot_weight(robot), robot.leg_length)
         few = robot.unfelt_std[list(layout.unfelt)]
         self._unfelt = (layout.places["unfelt"], few) if len(few) else None
         self._friction = None if friction is None else (layout.places["offset"], friction)
@@ -124,9 +129,26 @@ class History:
         return self._loaded[-1]
 
     @property
+    def present(self) -> Segment:
+        """The estimate of what the robot carries now. Another load may have come since the tare, so the rows since then
+        have it alone once they are half of all.
+        """
+        loaded, current = self.loaded, self.current
+        return current if loaded is None or loaded.weight < 0.5 * current.weight else loaded
+
+    @property
     def aged(self) -> Segment:
         """The estimate without the last `pending` blocks, in which a change may still be detected."""
         return self._known[max(len(self.recent) - self._settings.changes.pending, 0)]
+
+    def before_last(self, blocks: int) -> Segment | None:
+        """The estimate without so many latest blocks; None if they are not all of the present load."""
+        return self._known[-1 - blocks] if blocks < len(self._known) else None
+
+    @property
+    def noise(self) -> float:
+        """Variance of the rows' residuals in their unit, at least one [1]."""
+        return max(1.0, self._robust.usual) if self._robust.count else 1.0
 
     @property
     def oldest(self) -> Segment:

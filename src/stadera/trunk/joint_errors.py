@@ -183,12 +183,16 @@ class Errors:
         Errors that act on both alike cancel. Static friction of sticking joints may change with the load, and may even
         hide the load, so it does not cancel.
         """
-        difference = second.sensitivity - first.sensitivity
-        total = self.of_rows(first) + self.of_rows(second) + difference @ self.covariance @ difference.T
+        total = self.same_load_covariance(first, second)
         for place, own in self._changing:
-            K1, K2, D = (x[:, place] for x in (first.sensitivity, second.sensitivity, difference))
-            total += K1 @ own @ K1.T + K2 @ own @ K2.T - D @ own @ D.T
+            K1, K2 = first.sensitivity[:, place], second.sensitivity[:, place]
+            total += K1 @ own @ K1.T + K2 @ own @ K2.T - (K2 - K1) @ own @ (K2 - K1).T
         return np.asarray(0.5 * (total + total.T))
+
+    def same_load_covariance(self, first: Segment | Told, second: Segment | Told) -> Array:
+        """The same if both have the same load: static friction cancels too."""
+        difference = second.sensitivity - first.sensitivity
+        return np.asarray(self.of_rows(first) + self.of_rows(second) + difference @ self.covariance @ difference.T)
 
     def of_rows(self, segment: Segment | Told) -> Array:
         """Covariance (10, 10) due to the rows' scatter, and to offsets that are others under another load."""

@@ -9,8 +9,7 @@ import numpy as np
 
 from stadera.robot.model import Robot
 from stadera.trunk.changes import ChangeDetector, Jump
-from stadera.trunk.error_model import ErrorLayout
-from stadera.trunk.history import History, Known
+from stadera.trunk.history import History, Known, wide_prior
 from stadera.trunk.joint_errors import Errors
 from stadera.trunk.load import SIGNIFICANT, ChangeKind, LoadChange, without_scale
 from stadera.trunk.segment import Segment, WeightedRows
@@ -50,7 +49,7 @@ class LoadChanges:
     The last one's mass is that of the present estimate, until the next one is detected.
 
     Args:
-        robot: the model. layout: places of the model errors. where: the load may be.
+        robot: the model. where: the load may be.
 
     Attributes:
         detector: of changes.
@@ -58,11 +57,11 @@ class LoadChanges:
             then, which are the present load.
     """
 
-    def __init__(self, robot: Robot, layout: ErrorLayout, settings: TrunkSettings, where: Whereabouts) -> None:
+    def __init__(self, robot: Robot, settings: TrunkSettings, where: Whereabouts) -> None:
         self._where = where
         self._settings, self._mass, le = settings, robot.mass, robot.leg_length
         scale = robot.mass * np.array([1.0, le, le, le])
-        self.detector = ChangeDetector(settings.changes, scale, settings.block, layout, len(where.places))
+        self.detector = ChangeDetector(settings.changes, scale, settings.after_change * wide_prior(robot))
         self.ended: tuple[Segment, ...] = ()
         self._ended: tuple[LoadChange, ...] = ()
         self._changing: _Change | None = None
@@ -86,7 +85,7 @@ class LoadChanges:
         before = history.aged
         # friction of joints that stop would pass for a load against an estimate from joints that slide, or reversely
         slides, slid = rows.sliding >= self._settings.changes.sliding, 2.0 * before.moved > before.weight
-        jump = self.detector.look(rows, before, errors, held or slides != slid)
+        jump = self.detector.look(history, errors, held or slides != slid)
         if jump is None or self.place(history, errors):
             return Found.SAME
         self._divide(jump, history, errors, rows.time)
@@ -126,7 +125,7 @@ class LoadChanges:
             return False
         if now - rival.time > self._settings.changes.transient:
             self._rival = None
-        elif self.detector.returned(rival.known.before, rival.since, errors):
+        elif self.detector.returned(rival.known.before, rival.since, history, errors):
             self._rival = None
             self._ended, self._changing = rival.changes, rival.changing
             later = (load for load in history.finished if load not in rival.known.finished)

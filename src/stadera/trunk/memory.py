@@ -287,7 +287,7 @@ def told_of(robot: Robot, model: ErrorModel, start: Array, mean: Array, covarian
     """
     layout, names = model.layout, names_of(robot)
     at, scale = places_of(layout)[:-1], layout.places[_SCALE].start
-    std, by_scale = np.sqrt(model.variance[at]), covariance[at, scale] / covariance[scale, scale]
+    std, by_scale = np.sqrt(np.maximum(model.variance[at], _ROUNDING)), covariance[at, scale] / covariance[scale, scale]
     start, gain = start.copy(), layout.places["gain"]
     start[gain, gain] -= np.diag(start)[gain].mean() / layout.joints  # the gains' mean is zero
     own = covariance[np.ix_(at, at)] - np.outer(by_scale, covariance[at, scale])

@@ -179,42 +179,38 @@ class ChangeSettings:
     Attributes:
         least_change: change of mass as a share of the robot's mass, or of first moment over mass times leg length [1].
         deviations: number of standard deviations that a change must exceed.
-        windows: lengths of the averages that are compared with the earlier estimate [blocks].
-        confirmed: number of blocks for which it must persist.
-        history: time of data, by the weights of blocks, needed before a change can be reported [s].
-        pending: latest blocks excluded from the earlier estimate, at least as many as the longest average.
-        back: length of the average, one of `windows`, by which a load that is back to what it was before a change is
-            recognised [blocks]: the shorter, the less of the push stays in the estimate.
+        windows: numbers of latest blocks that are compared with the estimate before them.
+        every: blocks after which they are compared. confirmed: number of times in succession that a change must show.
+        history: sum of the weights of earlier blocks that is needed [1]: 1 s.
+        pending: latest blocks excluded from what is learnt about a constant load, as changes may be detected in them.
+        back: one of `windows`, by which a load that is back to what it was before a change is recognised [blocks]: the
+            shorter, the less of the push stays in the estimate.
         agreeing: number of standard deviations within which it is back.
         sliding: share of the joints that must slide for a block to be compared with an estimate from blocks in motion
             [1]: friction of joints that stop passes for a load of 5 % and more.
         transient: time within which a change that goes back is withdrawn [s]: nobody loads and unloads a robot that
             fast; people push and feet are caught for up to a second.
         spoilt: blocks skipped after the change, which contain both loads.
-        memory: time constant of the statistics of past averages [s].
-        prior: standard deviation of such averages before any data, in the unit of `least_change` [1].
-        outlier: distance from the median of a window at which a single block is clipped, in units of the usual scatter
-            of single blocks [1]. Huber's mean: 2 costs 1 % of efficiency under Gaussian noise.
+        trusted: number of independent ratios that honest bars count as, against those that the log shows [1].
+        unusual: ratio to the usual one, beyond which it may be that of a change [1].
         shifted: change of mass, as a share of the robot's mass, below which a change is reported as a shift [1].
-        prior_averages: number of independent averages that `prior` counts as.
     """
 
     least_change: float = 0.015
-    deviations: float = 4.25
-    windows: tuple[int, ...] = (6, 14, 25, 40)
-    confirmed: int = 8
-    history: float = 0.8
+    deviations: float = 5.0
+    windows: tuple[int, ...] = (8, 16, 25, 40, 60, 100)
+    every: int = 3
+    confirmed: int = 2
+    history: float = 50.0
     pending: int = 56
-    back: int = 6
+    back: int = 8
     agreeing: float = 3.0
     sliding: float = 0.5
     transient: float = 2.0
     spoilt: int = 2
-    memory: float = 10.0
-    prior: float = 0.005
-    outlier: float = 2.0
+    trusted: float = 4.0
+    unusual: float = 2.5
     shifted: float = 0.005
-    prior_averages: float = 1.0
 
     def __post_init__(self) -> None:
         _positive(self, "least_change", "history", "spoilt")
@@ -222,14 +218,12 @@ class ChangeSettings:
             raise StaderaError(
                 f"ChangeSettings.windows need lengths of 2 blocks and more that grow, got {self.windows}"
             )
-        if self.windows[-1] > self.pending:
+        if self.windows[-1] > 2 * self.pending:
             raise StaderaError(
-                f"ChangeSettings.windows must fit into the {self.pending} pending blocks, got {self.windows}"
+                f"ChangeSettings.windows must fit into twice the {self.pending} pending blocks, got {self.windows}"
             )
         if self.back not in self.windows:
             raise StaderaError(f"ChangeSettings.back must be one of the windows {self.windows}, got {self.back}")
-        if self.prior_averages < 1.0:
-            raise StaderaError(f"ChangeSettings.prior_averages must be at least 1, got {self.prior_averages}")
         if self.agreeing > self.deviations:
             raise StaderaError(
                 f"ChangeSettings.agreeing ({self.agreeing}) must not exceed deviations ({self.deviations})"
@@ -364,8 +358,8 @@ class TrunkSettings:
             windows=windows,
             back=windows[0],
             pending=max(round(changes.pending / shorter), windows[-1]),
-            confirmed=max(round(changes.confirmed / shorter), 2),
-            history=changes.history / 2.5,
+            every=max(round(changes.every / shorter), 1),
+            history=changes.history / shorter,
             sliding=1e-9,
         )
         return replace(self, block=block, changes=changes, outliers=replace(self.outliers, held=1.0))

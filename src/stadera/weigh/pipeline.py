@@ -290,7 +290,8 @@ class _LogPass:
             place = ", ".join(f"{v:g}" for v in test.com)
             yield f"the payload is a test weight of {test.mass:g} kg at {place} m, as its owner says"
         if not self.tared and isinstance(self.estimator, TrunkEstimator):
-            known = self._request.settings.trunk.changes.history
+            settings = self._request.settings.trunk
+            known = settings.changes.history * settings.block
             yield f"a load put on in the first {known:g} s counts as part of the trunk; a tare (--tare) tells it apart"
 
     def _made(self, chunk: Recording) -> Weigher:

@@ -101,7 +101,7 @@ class Planted:
         """A robot that walks so many steps forwards, a foot after the other, its trunk above the feet that stand.
 
         Raises:
-            IdentificationError: a foot cannot be where it should.
+            IdentificationError: a foot cannot be where it should, or too few stand while one steps.
             ModelError: the robot has no nominal stance.
         """
         how, legs, still = how or Steps(), len(robot.legs), np.zeros((2, 6))
@@ -109,6 +109,8 @@ class Planted:
         seconds, shifted, unloading = unit * how.seconds, unit * how.shifted, unit * how.unloading
         order = range(legs) if legs < 4 else (2, 0, 3, 1, *range(4, legs))
         rest = cls._of(robot, np.arange(2) / rate, (still, still, still), np.zeros((2, legs, 3)), np.ones((2, legs)))
+        if legs < 4 and max(rest._body.sizes) < 6:
+            raise IdentificationError(f"{robot.name} has {legs} point feet: it cannot stand while one of them steps")
         force, feet = rest.torques(robot.inertias[robot.trunk])[1][0, :, 2], rest.contacts[0, :, :2]
         time = np.arange(round((steps * seconds + shifted) * rate) + 1) / rate
         stride = how.stride * robot.leg_length
