@@ -90,6 +90,16 @@ def test_friction_and_noise_do_not_cancel_between_two_loads_and_all_else_does() 
     np.testing.assert_allclose(found / np.outer(scale, scale), expected / np.outer(scale, scale), atol=1e-9)
 
 
+def test_what_lasts_under_another_load_is_a_covariance() -> None:
+    """Without what may change goes what other errors have in common with it."""
+    model = ErrorModel(ROBOT, ModelErrors(), 0.7)
+    rows = RowSums.of([summed(drawn(1, blocks=60, still=5))], 10.0)
+    known = Errors(model, SwingJoints(model, SWING), rows=rows)
+    own = np.sqrt(np.maximum(np.diag(known.covariance), 1e-300))
+    values = np.linalg.eigvalsh(known.lasting / np.outer(own, own))
+    assert values.min() > -1e-9
+
+
 def test_what_earlier_rows_left_is_forgotten_with_them() -> None:
     """The products of n blocks, each kept by a factor for every later one, sum to those of weighted rows."""
     keep, rows = 0.8, drawn(3, blocks=30)

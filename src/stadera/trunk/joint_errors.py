@@ -143,7 +143,7 @@ class Errors:
         """Σ without the covariance of errors that may change with the load, (errors, errors)."""
         out = self.covariance.copy()
         for place, _ in self._changing:
-            out[place, place] = 0.0
+            out[place] = out[:, place] = 0.0  # with what others have in common with them: else it is no covariance
         return out
 
     def by_scale(self, sensitivity: Array) -> Array:

@@ -111,8 +111,9 @@ class Correction:
 
     def _own(self, trunk: Segment) -> Array:
         """Covariance (10, 10) of a trunk's error that no other trunk shares."""
-        K, changing = trunk.sensitivity, self._errors.covariance - self._errors.lasting
-        return np.asarray(self._errors.of_rows(trunk) + K @ changing @ K.T)
+        at = np.concatenate([np.arange(place.start, place.stop) for place in self._errors.layout.changing])
+        K = trunk.sensitivity[:, at]
+        return np.asarray(self._errors.of_rows(trunk) + K @ self._errors.covariance[np.ix_(at, at)] @ K.T)
 
     def _shared(self, weights: Weights) -> Array:
         """C (k, m)."""
