@@ -420,10 +420,7 @@ def test_known_offsets_are_taken_out_with_their_sign() -> None:
             }
         )
         samples = Samples.of_recording(log, known)
-        linear = TrunkSettings(
-            size_spread=1e-3
-        )  # sizes of errors that follow the log would be others for twice as much
-        estimator = TrunkEstimator(known, settings=linear)
+        estimator = TrunkEstimator(known)
         estimator.add(replace(samples, effort=samples.effort + error * added))
         return np.asarray(estimator.trunk.inertial.vector[:4])
 

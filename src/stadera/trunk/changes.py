@@ -168,8 +168,10 @@ class ChangeDetector:
         sensitivity = known.sensitivity + inverse @ before.by_errors(total)
         root = np.sqrt(noise) * np.linalg.cholesky(0.5 * (inverse + inverse.T))
         since = Told(root, np.hstack([size[:, None], sensitivity]), np.empty((10, 0)))
-        covariance = errors.difference_covariance if self._moved else errors.same_load_covariance
-        return Difference(before, size, np.sqrt(np.diagonal(covariance(known, since))[:4]))
+        variance = np.diagonal(errors.same_load_covariance(known, since))
+        if self._moved:  # friction that turns may hide a part of a change, and adds to what is uncertain
+            variance = np.maximum(variance, np.diagonal(errors.difference_covariance(known, since)))
+        return Difference(before, size, np.sqrt(variance[:4]))
 
     def _learn(self, ratios: dict[int, Array]) -> None:
         """Updates the mean squares of ratios: by unusual ones, which may be those of a change, only after `pending`."""

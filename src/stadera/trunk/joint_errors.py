@@ -183,10 +183,11 @@ class Errors:
         Errors that act on both alike cancel. Static friction of sticking joints may change with the load, and may even
         hide the load, so it does not cancel.
         """
-        total = self.same_load_covariance(first, second)
+        difference = second.sensitivity - first.sensitivity
+        total = self.of_rows(first) + self.of_rows(second) + difference @ self.lasting @ difference.T
         for place, own in self._changing:
-            K1, K2 = first.sensitivity[:, place], second.sensitivity[:, place]
-            total += K1 @ own @ K1.T + K2 @ own @ K2.T - (K2 - K1) @ own @ (K2 - K1).T
+            for K in (first.sensitivity[:, place], second.sensitivity[:, place]):
+                total += K @ own @ K.T
         return np.asarray(0.5 * (total + total.T))
 
     def same_load_covariance(self, first: Segment | Told, second: Segment | Told) -> Array:

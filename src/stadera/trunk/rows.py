@@ -14,7 +14,7 @@ the feet held, G = ∂b/∂q̈, an error p of the model (`stadera.trunk.error_mo
     rotor, friction, offset    -E q̈, -E q̇, -E s, -E       s: smoothed sign of q̇, of velocities averaged over a block
     gain, lag of the torques   -E τ, +E τ̇                  true torque: (1 - g) τ + d τ̇
     load friction              -E s |τ|               a gear's losses, a share of what its joint carries
-    stiction                   ∓E                          what holds a joint at standstill, positive upwards
+    stiction                   ∓E √(1 - s²)                what holds a joint at standstill, positive upwards
     encoder, contact, unfelt   +∂b/∂q, -∂b/∂p_contact, -∂b/∂m     at the block's middle, by differences and closed form
     link mass and centre       -∂b/∂(m, c)                 of `State.columns` by φ, and of φ by m and c
     IMU place, axes, bias      -K ([α]x + [ω]x[ω]x), K [a]x + L [α]x, -K
@@ -480,7 +480,9 @@ class RowMaker:
         # signs such that positive static friction lifts the trunk, as in all joints of a robot that sags
         offset = by_terms[_TERMS.index("offset")]
         lifts = np.sign((offset[:, :3] * signals[:, :3, None]).sum(axis=1))
-        C[:, :, places["stiction"]] = offset * (-lifts * still)[:, None]
+        # by the mean direction: noise of single velocities is no motion, and a slow joint does not stick whole
+        stuck = still * np.sqrt(np.maximum(1.0 - (joint[:, 2] / np.maximum(joint[:, 4], 1e-9)) ** 2, 0.0))
+        C[:, :, places["stiction"]] = offset * (-lifts * stuck)[:, None]
         by_terms[:_OF_MOTION] *= ~still[:, None]
         for name, values in zip(_TERMS, by_terms, strict=True):
             C[:, :, places[name]] = values
