@@ -165,7 +165,10 @@ class Errors:
     def trunk_covariance(self, segment: Segment) -> Array:
         """Covariance of a segment's trunk parameters, (10, 10)."""
         K = segment.sensitivity
-        return np.asarray(self.of_rows(segment) + K @ self.covariance @ K.T)
+        total = self.of_rows(segment) + K @ self.lasting @ K.T
+        for place, own in self._changing:
+            total += K[:, place] @ own @ K[:, place].T
+        return np.asarray(total)
 
     def load_covariance(self, load: Told) -> Array:
         """Covariance of a load elsewhere than on the trunk, (n, n). Errors that may change with it do not cancel."""

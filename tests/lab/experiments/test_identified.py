@@ -16,7 +16,7 @@ def test_each_robot_is_identified_with_and_without_legs_in_the_air() -> None:
 
 def test_errors_are_compared_with_what_was_drawn() -> None:
     drives = {term: [[0.1, 0.05, 1.0, 50.0], [0.2, None, 1.0, 50.0]] for term in ("armature", "viscous", "coulomb")}
-    good = {"refused": None, "drives": drives | {"offset": [[0.1, 0.1, 0.0, 50.0]]}, "trunk_mass": 10.0}
+    good = {"refused": None, "drives": drives | {"offset": [[0.1, 0.1, 0.0, 50.0]]}, "trunk_mass": 10.0, "robot": -0.02}
     good |= {
         "links": [[0.1, 0.4, 1.0], [0.3, 0.3, 0.0]],
         "trunk": [[0.1, 0.1], [0.001, 0.001], [0.0, 0.001], [0.0, 0.1]],
@@ -30,6 +30,7 @@ def test_errors_are_compared_with_what_was_drawn() -> None:
     assert values["trot, sway", "offset: median error, of the limit"] == pytest.approx(0.2)
     assert values["trot, sway", "link masses called observable: error over the model's"] == pytest.approx(0.25)
     assert values["trot, sway", "trunk: median error of the mass"] == pytest.approx(1.0)
+    assert values["trot, sway", "robot: median error of the whole mass"] == pytest.approx(2.0)
     assert values["trot, sway, legs in the air", "refused or fallen"] == 1.0
 
 
