@@ -23,8 +23,8 @@ from stadera.body import Body, Motion
 from stadera.inertia import InertialParameters
 from stadera.robot import Robot
 from stadera.robot.imu import ImuMount
+from stadera.trunk.block_rows import BlockRows
 from stadera.trunk.front import Front
-from stadera.trunk.rows import BlockRows
 from stadera.trunk.samples import SampleBuffer, Samples
 from stadera.trunk.segment import robot_weight, unit_of_rows
 from stadera.trunk.settings import TrunkSettings

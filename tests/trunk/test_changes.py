@@ -9,11 +9,11 @@ import pytest
 
 from layout import ERRORS, JOINTS, LAYOUT, LEARNT, PLACES
 from stadera.robot import load_robot
+from stadera.trunk.block_rows import BlockRows, SwingRows
 from stadera.trunk.changes import ChangeDetector, Jump
 from stadera.trunk.error_model import ErrorModel
 from stadera.trunk.history import History, wide_prior
 from stadera.trunk.joint_errors import Errors
-from stadera.trunk.rows import BlockRows, SwingRows
 from stadera.trunk.segment import RowSums
 from stadera.trunk.settings import ChangeSettings, ModelErrors, SwingDetection, TrunkSettings
 from stadera.trunk.swing import SwingJoints

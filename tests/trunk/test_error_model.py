@@ -15,9 +15,10 @@ from stadera.inertia import InertialParameters
 from stadera.robot import JointDynamics, Robot, load_robot
 from stadera.robot.imu import ImuMount
 from stadera.robot.kinematics import forward_kinematics
+from stadera.trunk.block_rows import BlockRows
 from stadera.trunk.error_model import ErrorModel, limb_limits
 from stadera.trunk.noise import mean_third_differences_squared
-from stadera.trunk.rows import BlockRows, RowMaker
+from stadera.trunk.rows import RowMaker
 from stadera.trunk.samples import Samples
 from stadera.trunk.settings import ModelErrors, SwingDetection
 from stadera.trunk.window import window_of

@@ -30,7 +30,8 @@ from stadera.trunk import (
     TrunkSettings,
     measurements_of,
 )
-from stadera.trunk.rows import BlockRows, RowMaker
+from stadera.trunk.block_rows import BlockRows
+from stadera.trunk.rows import RowMaker
 from stadera.trunk.settings import ChangeSettings
 from walking import Motion, Walk, recorded, walked
 

@@ -44,7 +44,7 @@ class Jump(NamedTuple):
     reported: bool
 
 
-class Difference(NamedTuple):
+class LoadDifference(NamedTuple):
     """Of the trunk over the latest blocks and before them.
 
     Attributes:
@@ -134,7 +134,7 @@ class ChangeDetector:
 
         return ratio(before) < settings.agreeing and ratio(since) > settings.deviations
 
-    def _large(self, change: Difference) -> Array:
+    def _large(self, change: LoadDifference) -> Array:
         """Which of mass and first moments (4,) change by more than the least change that is reported."""
         return np.asarray(np.abs(change.size[:4]) > self.settings.least_change * self._scale)
 
@@ -146,7 +146,7 @@ class ChangeDetector:
             out.append(out[-1] + part if out else part)
         return out
 
-    def _differences(self, history: History, errors: Errors) -> dict[int, Difference]:
+    def _differences(self, history: History, errors: Errors) -> dict[int, LoadDifference]:
         """Those over all windows with enough blocks before them, by the window's number."""
         before = {}
         for k, n in enumerate(self._windows):
@@ -159,7 +159,7 @@ class ChangeDetector:
             for (k, known), total in zip(before.items(), sums, strict=True)
         }
 
-    def _difference(self, before: Segment, total: Array, noise: float, errors: Errors) -> Difference:
+    def _difference(self, before: Segment, total: Array, noise: float, errors: Errors) -> LoadDifference:
         """Over blocks of which the products' sum is known; their rows scatter by `noise` times their unit."""
         scaled = self._wide[:, None] * total[:, :10] * self._wide  # rounding hides parameters that no row shows
         inverse = self._wide[:, None] * np.linalg.inv(scaled + np.eye(10)) * self._wide
@@ -171,7 +171,7 @@ class ChangeDetector:
         variance = np.diagonal(errors.same_load_covariance(known, since))
         if self._moved:  # friction that turns may hide a part of a change, and adds to what is uncertain
             variance = np.maximum(variance, np.diagonal(errors.difference_covariance(known, since)))
-        return Difference(before, size, np.sqrt(variance[:4]))
+        return LoadDifference(before, size, np.sqrt(variance[:4]))
 
     def _learn(self, ratios: dict[int, Array]) -> None:
         """Updates the mean squares of ratios: by unusual ones, which may be those of a change, only after `pending`."""
@@ -186,7 +186,7 @@ class ChangeDetector:
             self._count[k] += share
             self._square[k] += (each**2 - self._square[k]) * share / self._count[k]
 
-    def _placed(self, change: Difference, n: int, history: History, errors: Errors) -> int:
+    def _placed(self, change: LoadDifference, n: int, history: History, errors: Errors) -> int:
         """Most likely number of blocks since the change: those since then fit the estimate after it better than the one
         before.
         """

@@ -23,11 +23,11 @@ import numpy as np
 
 from stadera.robot.model import Robot
 from stadera.robot.shapes import FLAT
+from stadera.trunk.block_rows import SwingRows
 from stadera.trunk.error_model import ErrorLayout, ErrorModel
 from stadera.trunk.front import Front
 from stadera.trunk.history import History
 from stadera.trunk.joint_errors import Errors
-from stadera.trunk.rows import SwingRows
 from stadera.trunk.segment import RowSums
 from stadera.trunk.settings import TrunkSettings
 from stadera.trunk.sizes import Sizes

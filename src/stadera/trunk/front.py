@@ -15,10 +15,11 @@ from stadera.inertia import skews
 from stadera.robot.imu import ImuMount
 from stadera.robot.limbs import Place
 from stadera.robot.model import Robot
+from stadera.trunk.block_rows import BlockRows
 from stadera.trunk.error_model import ErrorLayout
 from stadera.trunk.ground import GroundNormal, turned
 from stadera.trunk.measurement import Measurement
-from stadera.trunk.rows import BlockRows, RowMaker
+from stadera.trunk.rows import RowMaker
 from stadera.trunk.samples import SampleBuffer, Samples
 from stadera.trunk.settings import TrunkSettings
 from stadera.trunk.spikes import SpikeFilter

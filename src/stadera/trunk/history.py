@@ -10,9 +10,9 @@ from typing import NamedTuple
 import numpy as np
 
 from stadera.robot.model import Robot
+from stadera.trunk.block_rows import BlockRows
 from stadera.trunk.error_model import ErrorLayout, limb_limits
 from stadera.trunk.placed import Blocks, Held
-from stadera.trunk.rows import BlockRows
 from stadera.trunk.segment import RowSums, Segment, WeightedRows, robot_weight, unit_of_rows, weighted
 from stadera.trunk.settings import OutlierSettings, TrunkSettings
 from stadera.types import Array

@@ -28,9 +28,9 @@ from scipy.linalg import lapack
 from stadera.body.rows import discounted
 from stadera.constants import GRAVITY
 from stadera.robot.model import Robot
+from stadera.trunk.block_rows import BlockRows, Equations
 from stadera.trunk.error_model import ErrorLayout
 from stadera.trunk.placed import Held, Told, TrunkAndLoad, folded, told
-from stadera.trunk.rows import BlockRows, Equations
 from stadera.types import Array
 
 

@@ -21,12 +21,12 @@ from stadera.inertia import skew
 from stadera.robot.imu import ImuMount
 from stadera.robot.load import load_robot
 from stadera.robot.model import Robot
+from stadera.trunk.block_rows import BlockRows
 from stadera.trunk.estimator import TrunkEstimator
 from stadera.trunk.front import Made
 from stadera.trunk.load import plain
 from stadera.trunk.measurement import Measurement
 from stadera.trunk.model import TrunkModel
-from stadera.trunk.rows import BlockRows
 from stadera.trunk.samples import Samples
 from stadera.trunk.segment import robot_weight, unit_of_rows
 from stadera.trunk.settings import TrunkSettings
