@@ -14,7 +14,7 @@ from stadera.trunk.changes import ChangeDetector, Jump
 from stadera.trunk.error_model import ErrorModel
 from stadera.trunk.history import History, wide_prior
 from stadera.trunk.joint_errors import Errors
-from stadera.trunk.segment import RowSums
+from stadera.trunk.segment import RowSums, Segment
 from stadera.trunk.settings import ChangeSettings, ModelErrors, SwingDetection, TrunkSettings
 from stadera.trunk.swing import SwingJoints
 from stadera.trunk.wrench import trunk_matrix, trunk_signals
@@ -74,6 +74,34 @@ def test_a_load_is_found_soon_and_placed() -> None:
     assert 4.0 < time < 4.3
     assert jump.reported
     assert abs(time - jump.blocks * BLOCK - 4.0) < 0.15
+
+
+def test_the_difference_is_that_of_two_segments() -> None:
+    """Sums of the latest rows give what a segment of them alone gives, by QR: δ, and its deviation by errors too."""
+    rng, n = np.random.default_rng(0), SETTINGS.windows[2]
+    made = [
+        block(r.time, r.matrix, 3.0 * rng.standard_normal((6, ERRORS)), r.target, 4.0)
+        for r in rows(4.0, 2.0, np.array([3.0, 0.5, -0.3, 0.2, *np.zeros(6)]), 3.5, 2)
+    ]
+    wide = 0.3 * wide_prior(ROBOT)
+    detector, history, known = (
+        ChangeDetector(SETTINGS, SCALE, wide),
+        History(ROBOT, TRUNK, LAYOUT, TrunkSettings()),
+        errors(),
+    )
+    for r in made:
+        history.add(r, known.mean)
+        detector.look(history, known, held=False)
+    detector._moved = True
+    found = detector._differences(history, known)[2]
+    before = history.before_last(n)
+    assert before is not None
+    since = Segment.prior(before.mean(known.mean), wide, LAYOUT)
+    for latest in list(history.recent)[-n:]:
+        since = since.add(latest)
+    std = np.sqrt(np.diag(known.difference_covariance(before, since)))[:4]
+    np.testing.assert_allclose(found.size, since.mean(known.mean) - before.mean(known.mean), rtol=1e-6, atol=1e-6)
+    np.testing.assert_allclose(found.std, std, rtol=0.03)  # a segment's wide prior does not follow the one before
 
 
 def test_a_load_put_on_early_is_found_once_there_are_enough_blocks_before_it() -> None:

@@ -74,6 +74,21 @@ def rows_of(data: Samples, known: Robot, normal: np.ndarray, block: int = BLOCK)
     return [rows for rows in made if rows is not None][2:]
 
 
+def test_joints_slide_against_a_friction_that_grows_with_their_torque() -> None:
+    """Of rows in joint space: s |τ| has the sign of s, and the size of the torques of the two blocks."""
+    data, seen = samples(motion()), 0
+    for rows in rows_of(data, robot(), motion().normal):
+        end = int(np.searchsorted(data.time, rows.time))
+        effort = np.abs(data.effort[end - 2 * BLOCK : end + 2])
+        _, _, sign, by_load, _ = rows.swing.terms
+        slides = np.abs(sign) > 0.99
+        ratio = (by_load / sign)[slides]
+        assert (ratio > 0.9 * effort.min(axis=0)[slides]).all()
+        assert (ratio < 1.1 * effort.max(axis=0)[slides]).all()
+        seen += int(slides.sum())
+    assert seen > 100
+
+
 def dynamics_with(**more: np.ndarray) -> Robot:
     """The robot with other joint dynamics, (12,) by leg and joint."""
     joints = [joint for leg in robot().legs for joint in leg.joints]

@@ -7,8 +7,8 @@ their residuals with respect to it, r = b - A θ̂ - C p̂, the trunk since then
 
 where P₀ is wide. The covariance of δ is that of a payload since a tare: the rows' scatter, and what uncertain errors do
 to the difference (`Errors.difference_covariance`). So a change is what the bars say is one: δ over its standard
-deviation, the largest of mass and first moments, for a number of n. A robot that has only stood
-has the static friction that it had, unless its load changes, so there it cancels (`Errors.same_load_covariance`).
+deviation, the largest of mass and first moments, for a number of n. A robot that has only stood has the static friction
+that it had, unless its load changes, so there it cancels.
 
 What a robot does and the model does not know makes these ratios larger, differently for different n. Their mean square
 under a constant load is taken from the log; one, as honest bars have it, counts as some ratios seen before. A change is
@@ -19,7 +19,6 @@ push is reported as a change too: until it ends it cannot be distinguished from 
 from __future__ import annotations
 
 from collections import deque
-from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
@@ -76,7 +75,7 @@ class ChangeDetector:
         self._products: deque[Array] = deque(maxlen=settings.windows[-1])  # Aᵀ W of all columns, by block
         self._square = np.ones((len(settings.windows), 4))  # mean square of ratios under a constant load
         self._count = np.full(len(settings.windows), settings.trusted)  # of independent ones
-        self._waiting: deque[dict[int, Array]] = deque()  # unusual ratios
+        self._waiting: deque[dict[int, Array]] = deque()  # ratios that may be those of a change
         self._seen = self._persists = 0
         self._moved = False
 
@@ -113,7 +112,8 @@ class ChangeDetector:
                 continue  # small changes count in long averages only
             if ratios.max() > ratio:
                 best, ratio = k, float(ratios.max())
-        self._learn({k: each.ratios for k, each in found.items()})
+        if not held:
+            self._learn({k: each.ratios for k, each in found.items()})
         self._persists = (self._persists + 1) * (ratio > settings.deviations and not held)
         if self._persists < settings.confirmed:
             return None
@@ -168,20 +168,16 @@ class ChangeDetector:
         sensitivity = known.sensitivity + inverse @ before.by_errors(total)
         root = np.sqrt(noise) * np.linalg.cholesky(0.5 * (inverse + inverse.T))
         since = Told(root, np.hstack([size[:, None], sensitivity]), np.empty((10, 0)))
-        variance = np.diagonal(errors.same_load_covariance(known, since))
-        if self._moved:  # friction that turns may hide a part of a change, and adds to what is uncertain
-            variance = np.maximum(variance, np.diagonal(errors.difference_covariance(known, since)))
-        return LoadDifference(before, size, np.sqrt(variance[:4]))
+        covariance = errors.difference_covariance(known, since, same_load=not self._moved)
+        return LoadDifference(before, size, np.sqrt(np.diagonal(covariance)[:4]))
 
     def _learn(self, ratios: dict[int, Array]) -> None:
-        """Updates the mean squares of ratios: by unusual ones, which may be those of a change, only after `pending`."""
+        """Updates the mean squares of ratios, after `pending`: the latest may be those of a change."""
         settings = self.settings
-        unusual = {k: each for k, each in ratios.items() if (each**2 > settings.unusual**2 * self._square[k]).any()}
-        self._waiting.append(unusual)
-        done = [{k: each for k, each in ratios.items() if k not in unusual}]
-        if len(self._waiting) * settings.every > settings.pending:
-            done.append(self._waiting.popleft())
-        for k, each in chain.from_iterable(some.items() for some in done):
+        self._waiting.append(ratios)
+        if len(self._waiting) * settings.every <= settings.pending:
+            return
+        for k, each in self._waiting.popleft().items():
             share = min(settings.every / self._windows[k], 1.0)  # windows overlap
             self._count[k] += share
             self._square[k] += (each**2 - self._square[k]) * share / self._count[k]

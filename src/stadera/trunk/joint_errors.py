@@ -180,23 +180,18 @@ class Errors:
             total, done = total - across - across.T, done + len(own)
         return np.asarray(0.5 * (total + total.T))
 
-    def difference_covariance(self, first: Segment | Told, second: Segment | Told) -> Array:
+    def difference_covariance(self, first: Segment | Told, second: Segment | Told, same_load: bool = False) -> Array:
         """Covariance of the second segment's trunk parameters minus the first's, (10, 10).
 
         Errors that act on both alike cancel. Static friction of sticking joints may change with the load, and may even
-        hide the load, so it does not cancel.
+        hide the load, so it does not cancel; with the `same_load` it does.
         """
         difference = second.sensitivity - first.sensitivity
         total = self.of_rows(first) + self.of_rows(second) + difference @ self.lasting @ difference.T
         for place, own in self._changing:
-            for K in (first.sensitivity[:, place], second.sensitivity[:, place]):
-                total += K @ own @ K.T
+            for K in (difference,) if same_load else (first.sensitivity, second.sensitivity):
+                total += K[:, place] @ own @ K[:, place].T
         return np.asarray(0.5 * (total + total.T))
-
-    def same_load_covariance(self, first: Segment | Told, second: Segment | Told) -> Array:
-        """The same if both have the same load: static friction cancels too."""
-        difference = second.sensitivity - first.sensitivity
-        return np.asarray(self.of_rows(first) + self.of_rows(second) + difference @ self.covariance @ difference.T)
 
     def of_rows(self, segment: Segment | Told) -> Array:
         """Covariance (10, 10) due to the rows' scatter, and to offsets that are others under another load."""

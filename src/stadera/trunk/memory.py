@@ -265,7 +265,7 @@ def days_of(begin: float) -> float:
 
 
 def names_of(robot: Robot) -> tuple[str, ...]:
-    """Names of the errors `OF_ROBOT` of a robot, in the order of `ErrorLayout.places`: of joints by leg and outwards,
+    """Names of the errors `OF_ROBOT` of a robot, in that order: of joints by leg and outwards,
     of contacts by leg, of links by the tree. What has axes ends like ":x".
     """
     joints = [joint for leg in robot.legs for joint in leg.joints]

@@ -192,7 +192,6 @@ class ChangeSettings:
             fast; people push and feet are caught for up to a second.
         spoilt: blocks skipped after the change, which contain both loads.
         trusted: number of independent ratios that honest bars count as, against those that the log shows [1].
-        unusual: ratio to the usual one, beyond which it may be that of a change [1].
         shifted: change of mass, as a share of the robot's mass, below which a change is reported as a shift [1].
     """
 
@@ -209,7 +208,6 @@ class ChangeSettings:
     transient: float = 2.0
     spoilt: int = 2
     trusted: float = 4.0
-    unusual: float = 2.5
     shifted: float = 0.005
 
     def __post_init__(self) -> None:
