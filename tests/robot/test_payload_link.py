@@ -12,8 +12,7 @@ import pytest
 from stadera.errors import MissingExtraError, ModelError
 from stadera.inertia import InertialParameters
 from stadera.robot import Robot, load_robot
-from stadera.robot.export import export_model
-from stadera.robot.xml import PayloadLink
+from stadera.robot.export import PayloadLink, export_model
 
 COM = np.array([-0.21, 0.08, 0.17])
 BOX = InertialParameters.from_com(7.5, COM, [[0.03, 0.004, -0.002], [0.004, 0.05, 0.001], [-0.002, 0.001, 0.06]])

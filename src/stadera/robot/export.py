@@ -6,21 +6,51 @@ inertial, which is subtracted from the sum. Links and joints with unchanged valu
 stay as they are.
 """
 
-from itertools import product
+import xml.etree.ElementTree as ET
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from stadera.constants import ROUNDING
 from stadera.errors import ModelError
 from stadera.files import written_together
 from stadera.inertia import InertialParameters
 from stadera.limits import UNLIMITED
-from stadera.robot import urdf
 from stadera.robot.load import load_robot, parse_xml, read_model_file
-from stadera.robot.model import Robot
+from stadera.robot.model import JointDynamics, Robot
 from stadera.robot.modelfile import ModelFile
-from stadera.robot.xml import PayloadLink, named
+from stadera.robot.xml import plain, read_xml
+from stadera.types import Array
+
+_URDF = {"viscous": "damping", "coulomb": "friction"}
+_MJCF = {"viscous": "damping", "coulomb": "frictionloss", "armature": "armature"}
+"""Attributes of a joint's dynamics, by term; in a URDF those of its element <dynamics>."""
+_UNITS = {"armature": "kg m^2", "offset": "N m"}
+
+
+@dataclass(frozen=True, eq=False)
+class PayloadLink:
+    """The link to add: its ten parameters in the trunk frame (with a zero tensor about its centre of mass a point
+    mass), its name, and one sentence on the accuracy of the values for readers of the file, or empty. Raises
+    ModelError: the mass is not positive.
+    """
+
+    body: InertialParameters
+    name: str = "payload"
+    note: str = ""
+
+    def __post_init__(self) -> None:
+        if not self.body.mass > 0:
+            raise ModelError(f"a payload needs a positive mass to be a link, got {self.body.mass:.6g} kg")
+
+    @property
+    def tensor(self) -> Array:
+        """Inertia about its centre of mass, trunk axes, (3, 3) [kg·m²]; zero of a point mass."""
+        tensor = self.body.inertia_com
+        return np.where(np.abs(tensor) < 1e-12 * np.abs(self.body.inertia).max(), 0.0, tensor)
 
 
 def export_model(robot: Robot, path: str | Path, payload: PayloadLink | None = None, note: str = "") -> None:
@@ -29,38 +59,31 @@ def export_model(robot: Robot, path: str | Path, payload: PayloadLink | None = N
     of the file.
 
     URDF cannot represent rotor inertia (armature) and torque offsets, MJCF cannot represent offsets: a comment at the
-    top of the file lists them. Mesh paths (package://...) are unchanged; an MJCF written to another folder states the
-    absolute path of its assets. The file is read back and compared before it replaces an existing one.
+    top of the file lists them. Mesh paths (package://...) are unchanged; an MJCF has its included files merged, and
+    written to another folder states the absolute path of its assets. The file is read back and compared before it
+    replaces an existing one.
 
     Raises:
         ModelError: as of `check_export`; a value that the format cannot represent (mass not positive, friction
-            negative; in MJCF an impossible inertia); a payload whose name is taken.
+            negative; in MJCF an impossible inertia, or inertias that all come from its shapes); a payload whose name is
+            taken.
         StaderaError: the folder does not exist or is not writable.
     """
     target = Path(path)
     source, is_urdf = check_export(robot, target)
-    prior, file = _loaded_as(robot, source), read_model_file(source, UNLIMITED)
+    prior, file, document = _loaded_as(robot, source), read_model_file(source, UNLIMITED), parse_xml(source, UNLIMITED)
     inertias = _changed_inertias(robot, prior, file)
-    fixed = {link: names for link, names in _fixed_bodies(prior, file).items() if link in inertias}
     dynamics = {joint: d for joint, d in robot.dynamics.items() if d != prior.dynamics[joint]}
-    for joint, kind in product(dynamics, ("viscous", "coulomb") if is_urdf else ("viscous", "coulomb", "armature")):
-        if (value := getattr(dynamics[joint], kind)) < 0:
-            wrong = f"joint {joint!r} has a {kind} value of {value:g}, below zero"
-            raise ModelError(f"{wrong}, which no model file should hold")
     origins = {link: prior.frames[link].translation for link in prior.tree.links}
-    document = parse_xml(source, UNLIMITED)
-    if is_urdf:
-        urdf.write_urdf(document, source, inertias, fixed, dynamics)
-    else:
-        from stadera.robot import mjcf  # with MuJoCo, by which the model was read
-
-        mjcf.write_mjcf(document, source, target, inertias, origins, fixed, dynamics)
+    if not is_urdf:
+        _prepare_mjcf(document.root, source, target)
+    own = {link: body.shifted(-origins[link]) for link, body in inertias.items()}
+    _put_inertias(document.root, source, own, _fixed_bodies(prior, file), is_urdf=is_urdf)
+    _put_dynamics(document.root, source, dynamics, is_urdf=is_urdf)
+    document.remark(_description(inertias, dynamics, is_urdf=is_urdf))
     if payload is not None:
-        if is_urdf:
-            urdf.add_payload(document.root, prior.trunk, payload)
-        else:
-            trunk = named(document.root, "body", prior.trunk, source)
-            mjcf.add_payload(document.root, trunk, origins[prior.trunk], payload)
+        add = _add_urdf_payload if is_urdf else _add_mjcf_payload
+        add(document.root, source, prior.trunk, payload, payload.body.com - origins[prior.trunk])
         robot = robot.with_inertias({robot.trunk: robot.inertias[robot.trunk] + payload.body})  # as it reads back
     if note:
         document.remark(note)
@@ -132,3 +155,196 @@ def _check_reads_back(robot: Robot, written: Path, target: Path) -> None:
         wrong = np.abs(back.inertias[link].vector - wanted) > ROUNDING * size + 1e-15
         if wrong.any():
             raise ModelError(f"{target}: link {link!r} does not read back as written; the model's format alters it")
+
+
+# -- elements --------------------------------------------------------------------------------------------------------
+def _put_inertias(
+    root: ET.Element, source: Path, inertias: Mapping[str, InertialParameters], fixed: Mapping[str, list[str]], *,
+    is_urdf: bool,
+) -> None:  # fmt: skip
+    """Writes inertias, each in the file's own frame of its link, and takes away those of the bodies fixed to it."""
+    tag, made = ("link", _urdf_inertial) if is_urdf else ("body", _mjcf_inertial)
+    for link, body in inertias.items():
+        if not is_urdf:
+            _check_possible(link, body)
+        _put_child(_named(root, tag, link, source), made(body.mass, body.com, body.inertia_com))
+        for owner in (_named(root, tag, name, source) for name in fixed[link]):
+            if not is_urdf:
+                _put_child(owner, _element("inertial", {"pos": "0 0 0", "mass": "0", "diaginertia": "0 0 0"}))
+            for inertial in owner.findall("inertial") if is_urdf else ():
+                _remove(owner, inertial)
+
+
+def _put_dynamics(root: ET.Element, source: Path, dynamics: Mapping[str, JointDynamics], *, is_urdf: bool) -> None:
+    for joint, values in dynamics.items():
+        owner = _named(root, "joint", joint, source)
+        target = owner.find("dynamics") if is_urdf else owner
+        if target is None:
+            _append(owner, target := ET.Element("dynamics"))
+        for term, name in (_URDF if is_urdf else _MJCF).items():
+            if (value := getattr(values, term)) < 0:
+                wrong = f"joint {joint!r} has a {term} value of {value:g}, below zero"
+                raise ModelError(f"{wrong}, which no model file should hold")
+            target.set(name, _numbers(value))
+
+
+def _add_urdf_payload(root: ET.Element, source: Path, trunk: str, payload: PayloadLink, place: Array) -> None:
+    joint = f"{payload.name}_joint"
+    _check_free(root, "link", payload.name)
+    _check_free(root, "joint", joint)
+    parts = (
+        _element("origin", {"xyz": _numbers(place), "rpy": "0 0 0"}),
+        _element("parent", {"link": trunk}),
+        _element("child", {"link": payload.name}),
+    )
+    link = _element("link", {"name": payload.name}, _urdf_inertial(payload.body.mass, np.zeros(3), payload.tensor))
+    _add_nodes(root, payload, link, _element("joint", {"name": joint, "type": "fixed"}, *parts))
+
+
+def _add_mjcf_payload(root: ET.Element, source: Path, trunk: str, payload: PayloadLink, place: Array) -> None:
+    _check_free(root, "body", payload.name)
+    inertial = _mjcf_inertial(payload.body.mass, np.zeros(3), payload.tensor)
+    body = _element("body", {"name": payload.name, "pos": _numbers(place)}, inertial)
+    _add_nodes(_named(root, "body", trunk, source), payload, body)
+
+
+def _add_nodes(parent: ET.Element, payload: PayloadLink, *nodes: ET.Element) -> None:
+    """Appends the elements of the payload after a comment, each on its own line."""
+    parent.append(ET.Comment(plain(f" {payload.name}: the load that was weighed. {payload.note} ")))
+    parent.extend(nodes)
+    for node in parent[-1 - len(nodes) :]:
+        node.tail = "\n  "
+
+
+def _urdf_inertial(mass: float, com: Array, tensor: Array) -> ET.Element:
+    """The inertia about the centre of mass, in the link's own axes."""
+    components = {f"i{'xyz'[i]}{'xyz'[j]}": _numbers(tensor[i, j]) for i in range(3) for j in range(i, 3)}
+    return _element(
+        "inertial",
+        {},
+        _element("origin", {"xyz": _numbers(com), "rpy": "0 0 0"}),
+        _element("mass", {"value": _numbers(mass)}),
+        _element("inertia", components),
+    )
+
+
+def _mjcf_inertial(mass: float, com: Array, tensor: Array) -> ET.Element:
+    """Principal moments about the centre of mass, and the rotation to their axes (quaternion wxyz)."""
+    from scipy.spatial.transform import Rotation
+
+    moments, axes = np.linalg.eigh(tensor)
+    axes[:, 2] *= np.linalg.det(axes)
+    quaternion = Rotation.from_matrix(axes).as_quat(scalar_first=True)
+    values = {"pos": com, "quat": quaternion, "mass": mass, "diaginertia": np.maximum(moments, 0.0)}
+    return _element("inertial", {name: _numbers(value) for name, value in values.items()})
+
+
+def _check_possible(link: str, inertia: InertialParameters) -> None:
+    moments = np.linalg.eigvalsh(inertia.inertia_com)
+    if not (moments > 0).all() or moments[0] + moments[1] < moments[2]:
+        raise ModelError(
+            f"link {link!r} has principal moments {', '.join(f'{m:.6g}' for m in moments)} kg·m², which no body has "
+            "and MJCF does not hold; identify it physically consistent"
+        )
+
+
+def _prepare_mjcf(root: ET.Element, source: Path, target: Path) -> None:
+    """Merges included files, and makes folders of assets absolute if the target is in another folder. Default classes
+    stay: values are written to the elements themselves, which overrides them.
+    """
+    _draw_in_includes(root, source.parent)
+    for compiler in root.iter("compiler"):
+        if compiler.get("inertiafromgeom") == "true" or "settotalmass" in compiler.attrib:
+            raise ModelError(f"{source}: its compiler makes inertias itself (inertiafromgeom or settotalmass)")
+    if target.resolve().parent == source.resolve().parent or root.find(".//asset") is None:
+        return
+    if root.find("compiler") is None:
+        _put_child(root, ET.Element("compiler"))
+    compilers = root.findall("compiler")
+    said = {name: value for compiler in compilers for name, value in compiler.items()}
+    for name in ("meshdir", "texturedir"):  # both default to the model's own folder
+        for compiler in compilers:
+            compiler.set(name, str(source.resolve().parent / said.get(name, said.get("assetdir", ""))))
+
+
+def _draw_in_includes(root: ET.Element, folder: Path) -> None:
+    for parent in list(root.iter()):
+        for include in parent.findall("include"):
+            inner, at = read_xml(folder / include.get("file", "")).root, list(parent).index(include)
+            _draw_in_includes(inner, folder)
+            parent[at : at + 1] = list(inner)
+
+
+def _description(links: Iterable[str], dynamics: Mapping[str, JointDynamics], *, is_urdf: bool) -> str:
+    """Comment on the links and joints written, and on joint values that the format cannot represent."""
+    lines = [
+        "Written by stadera. Inertial values of these links are those of all that moves with the link, and the "
+        f"inertials of the bodies fixed to it were taken away: {', '.join(links) or 'none'}.",
+        f"Joint friction written for: {', '.join(dynamics) or 'none'}.",
+    ]
+    without = [term for term in _UNITS if term not in (_URDF if is_urdf else _MJCF)]
+    left = [(j, term, value) for j, d in dynamics.items() for term in without if (value := getattr(d, term))]
+    if left:
+        listed = "; ".join(f"{joint} {term} {value!r} {_UNITS[term]}" for joint, term, value in left)
+        lines.append(f"Values that this format has no place for: {listed}.")
+    return "\n  ".join(lines)
+
+
+def _named(root: ET.Element, tag: str, name: str, source: Path) -> ET.Element:
+    """The element with that tag and name. Raises ModelError: there is none, as for bodies that a model attaches from
+    another file.
+    """
+    for found in root.iter(tag):
+        if found.get("name") == name:
+            return found
+    raise ModelError(f"{source}: no <{tag} name={name!r}> in the file itself to write the values into")
+
+
+def _check_free(root: ET.Element, tag: str, name: str) -> None:
+    """Checks that no element of that tag has this name. Raises ModelError: there is one."""
+    if any(found.get("name") == name for found in root.iter(tag)):
+        raise ModelError(f"the model has a {tag} {name!r} already; a payload needs another name")
+
+
+def _put_child(parent: ET.Element, child: ET.Element) -> None:
+    """Replaces the first child of the same tag, or inserts the child first; further children of its tag are removed."""
+    present = parent.findall(child.tag)
+    child.tail = present[0].tail if present else None
+    if present and len(child) and len(present[0]):  # on lines as those that are replaced
+        child.text = present[0].text
+        for one in child:
+            one.tail = child.text
+        child[-1].tail = present[0][-1].tail
+    at = list(parent).index(present[0]) if present else 0
+    for one in present:
+        parent.remove(one)
+    parent.insert(at, child)
+
+
+def _remove(parent: ET.Element, child: ET.Element) -> None:
+    """Takes a child out with its line."""
+    at = list(parent).index(child)
+    if at == len(parent) - 1 and at:
+        parent[at - 1].tail = child.tail
+    elif at == len(parent) - 1:
+        parent.text = child.tail
+    parent.remove(child)
+
+
+def _append(parent: ET.Element, child: ET.Element) -> None:
+    """Adds a last child, on its own line where the others are."""
+    if len(parent):
+        child.tail, parent[-1].tail = parent[-1].tail, parent.text
+    parent.append(child)
+
+
+def _element(tag: str, attributes: Mapping[str, str], *inside: ET.Element) -> ET.Element:
+    """A new element with these attributes and children."""
+    made = ET.Element(tag, dict(attributes))
+    made.extend(inside)
+    return made
+
+
+def _numbers(values: ArrayLike) -> str:
+    """In full precision."""
+    return " ".join(repr(float(value)) for value in np.ravel(values))

@@ -1,8 +1,8 @@
-"""Reads and writes MJCF: read with MuJoCo's own compiler, which defines it (defaults, includes, angles, actuators)."""
+"""Reads MJCF with MuJoCo's own compiler, which defines it (defaults, includes, angles, actuators)."""
 
 import xml.etree.ElementTree as ET
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from math import cos, sin
 from pathlib import Path
 from typing import Any
@@ -15,9 +15,9 @@ from stadera.boundary import foreign
 from stadera.errors import ModelError
 from stadera.inertia import InertialParameters
 from stadera.limits import Limits
-from stadera.robot import xml
 from stadera.robot.model import JointDynamics, JointLimits, Shape
 from stadera.robot.modelfile import FileJoint, FileLink, ModelFile
+from stadera.robot.xml import read_xml
 from stadera.types import Array
 
 _PRIMITIVES = {
@@ -67,7 +67,7 @@ def _of_file(path: Path, limits: Limits, seen: set[Path]) -> float:
         return 0.0
     seen.add(path.resolve())
     try:
-        root = xml.read_xml(path, limits).root
+        root = read_xml(path, limits).root
     except (ExpatError, LookupError, ValueError):
         return 0.0
     return _elements(root, path, limits, seen)
@@ -249,105 +249,3 @@ def _rotation(quaternion_wxyz: Array) -> Array:
     matrix = np.zeros(9)
     mujoco.mju_quat2Mat(matrix, np.array(quaternion_wxyz))
     return matrix.reshape(3, 3)
-
-
-# -- writing ---------------------------------------------------------------------------------------------------------
-def write_mjcf(
-    document: xml.Document,
-    source: Path,
-    target: Path,
-    inertias: Mapping[str, InertialParameters],
-    origins: Mapping[str, Array],
-    fixed: Mapping[str, list[str]],
-    dynamics: Mapping[str, JointDynamics],
-) -> None:
-    """Writes these inertias, zero ones for `fixed` bodies, and these joints' dynamics into the MJCF `source`.
-
-    Included files are merged, as an include means. Default classes stay: values are written to the elements themselves,
-    which overrides them.
-
-    Args:
-        target: the file to be written; if it is in another folder, relative asset folders become absolute.
-        inertias: by moving link, in the link's frame (the body's axes, origin at the joint's anchor).
-        origins: by moving link, the body's origin in the link's frame [m]. fixed: by moving link, the bodies fixed to
-            it.
-        dynamics: by joint; the offset goes into a comment.
-
-    Raises:
-        ModelError: an inertia that MuJoCo would refuse, or a file whose inertias are all computed from its shapes.
-    """
-    root = document.root
-    _draw_in_includes(root, source.parent)
-    for compiler in root.iter("compiler"):
-        if compiler.get("inertiafromgeom") == "true" or "settotalmass" in compiler.attrib:
-            raise ModelError(f"{source}: its compiler makes inertias itself (inertiafromgeom or settotalmass)")
-    if target.resolve().parent != source.resolve().parent:
-        _point_to_assets(root, source.resolve().parent)
-    for link, inertia in inertias.items():
-        about_body = inertia.shifted(-origins[link])
-        _check_possible(link, about_body)
-        inertial = _inertial(about_body.mass, about_body.com, about_body.inertia_com)
-        xml.put_child(xml.named(root, "body", link, source), inertial)
-        for name in fixed[link]:
-            nothing = {"pos": "0 0 0", "mass": "0", "diaginertia": "0 0 0"}
-            xml.put_child(xml.named(root, "body", name, source), xml.element("inertial", nothing))
-    for joint, values in dynamics.items():
-        written = {"damping": values.viscous, "frictionloss": values.coulomb, "armature": values.armature}
-        xml.named(root, "joint", joint, source).attrib |= {name: xml.numbers(value) for name, value in written.items()}
-    document.remark(xml.description(inertias, dynamics, ("offset",)))
-
-
-def add_payload(root: ET.Element, trunk: ET.Element, origin: Array, payload: xml.PayloadLink) -> None:
-    """Adds the payload as a body without joints to the trunk, whose body origin (3,) [m] is given in the trunk frame.
-    Raises ModelError: the file has a body of that name already.
-    """
-    xml.check_free(root, "body", payload.name)
-    inertial = _inertial(payload.body.mass, np.zeros(3), payload.tensor)
-    place = {"name": payload.name, "pos": xml.numbers(payload.body.com - origin)}
-    payload.append_to(trunk, xml.element("body", place, inertial))
-
-
-def _inertial(mass: float, com: Array, tensor: Array) -> ET.Element:
-    """Principal moments about the centre of mass, and the rotation to their axes (quaternion wxyz)."""
-    from scipy.spatial.transform import Rotation
-
-    moments, axes = np.linalg.eigh(tensor)
-    axes[:, 2] *= np.linalg.det(axes)
-    attributes = {
-        "pos": xml.numbers(com),
-        "quat": xml.numbers(Rotation.from_matrix(axes).as_quat(scalar_first=True)),
-        "mass": xml.numbers(mass),
-        "diaginertia": xml.numbers(np.maximum(moments, 0.0)),
-    }
-    return xml.element("inertial", attributes)
-
-
-def _check_possible(link: str, inertia: InertialParameters) -> None:
-    moments = np.linalg.eigvalsh(inertia.inertia_com)
-    if not (moments > 0).all() or moments[0] + moments[1] < moments[2]:
-        raise ModelError(
-            f"link {link!r} has principal moments {', '.join(f'{m:.6g}' for m in moments)} kg·m², which no body has "
-            "and MJCF does not hold; identify it physically consistent"
-        )
-
-
-def _draw_in_includes(root: ET.Element, folder: Path) -> None:
-    for parent in list(root.iter()):
-        for include in parent.findall("include"):
-            inner, at = xml.read_xml(folder / include.get("file", "")).root, list(parent).index(include)
-            _draw_in_includes(inner, folder)
-            parent[at : at + 1] = list(inner)
-
-
-def _point_to_assets(root: ET.Element, folder: Path) -> None:
-    """Makes the folders of meshes and textures absolute; both default to the model's own folder."""
-    if root.find(".//asset") is None:
-        return
-    if root.find("compiler") is None:
-        xml.put_child(root, ET.Element("compiler"))
-    compilers = root.findall("compiler")
-    said = {name: value for compiler in compilers for name, value in compiler.items()}
-    for name in ("meshdir", "texturedir"):
-        relative = said.get(name, said.get("assetdir", ""))
-        for compiler in compilers:
-            compiler.set(name, str(folder / relative))

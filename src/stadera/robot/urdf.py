@@ -1,7 +1,7 @@
-"""Reads and writes URDF. A number that cannot be parsed (ixx="0,05") is refused; other readers ignore its element."""
+"""Reads URDF. A number that cannot be parsed (ixx="0,05") is refused; other readers ignore its element."""
 
 import xml.etree.ElementTree as ET
-from collections.abc import Collection, Mapping
+from collections.abc import Collection
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -11,7 +11,6 @@ import numpy as np
 from stadera.errors import ModelError
 from stadera.inertia import InertialParameters
 from stadera.limits import Limits
-from stadera.robot import xml
 from stadera.robot.model import JointDynamics, JointLimits, Shape
 from stadera.robot.modelfile import FileJoint, FileLink, ModelFile
 from stadera.types import Array
@@ -194,60 +193,3 @@ def _read_numbers(
         what = f"<{element.tag} {attribute}={text!r}>" if text is not None else f"<{element.tag}> without {attribute}:"
         raise ModelError(f"{owner.tag} {_name(owner)!r}: {what} needs {count} number(s), with decimal points")
     return found
-
-
-# -- writing ---------------------------------------------------------------------------------------------------------
-def write_urdf(
-    document: xml.Document,
-    source: Path,
-    inertias: Mapping[str, InertialParameters],
-    fixed: Mapping[str, list[str]],
-    dynamics: Mapping[str, JointDynamics],
-) -> None:
-    """Writes these inertias (by moving link, in its frame), none for the bodies fixed to it, and these joints' friction
-    into the URDF `source`; armature and offset go into a comment.
-    """
-    root = document.root
-    for link, inertia in inertias.items():
-        xml.put_child(xml.named(root, "link", link, source), _inertial(inertia.mass, inertia.com, inertia.inertia_com))
-        for name in fixed[link]:
-            body = xml.named(root, "link", name, source)
-            for inertial in body.findall("inertial"):
-                xml.remove(body, inertial)
-    for joint, values in dynamics.items():
-        owner = xml.named(root, "joint", joint, source)
-        target = owner.find("dynamics")
-        if target is None:
-            xml.append(owner, target := ET.Element("dynamics"))
-        target.attrib |= {"damping": xml.numbers(values.viscous), "friction": xml.numbers(values.coulomb)}
-    document.remark(xml.description(inertias, dynamics, ("armature", "offset")))
-
-
-def add_payload(root: ET.Element, trunk: str, payload: xml.PayloadLink) -> None:
-    """Adds the payload's link, and the fixed joint that connects it to the trunk. Raises ModelError: the file already
-    has a link or a joint of that name.
-    """
-    joint_name = f"{payload.name}_joint"
-    xml.check_free(root, "link", payload.name)
-    xml.check_free(root, "joint", joint_name)
-    link = xml.element("link", {"name": payload.name}, _inertial(payload.body.mass, np.zeros(3), payload.tensor))
-    joint = xml.element(
-        "joint",
-        {"name": joint_name, "type": "fixed"},
-        xml.element("origin", {"xyz": xml.numbers(payload.body.com), "rpy": "0 0 0"}),
-        xml.element("parent", {"link": trunk}),
-        xml.element("child", {"link": payload.name}),
-    )
-    payload.append_to(root, link, joint)
-
-
-def _inertial(mass: float, com: Array, tensor: Array) -> ET.Element:
-    """The <inertial> element; URDF states the inertia about the centre of mass, here in the link's own axes."""
-    components = {f"i{'xyz'[i]}{'xyz'[j]}": xml.numbers(tensor[i, j]) for i in range(3) for j in range(i, 3)}
-    return xml.element(
-        "inertial",
-        {},
-        xml.element("origin", {"xyz": xml.numbers(com), "rpy": "0 0 0"}),
-        xml.element("mass", {"value": xml.numbers(mass)}),
-        xml.element("inertia", components),
-    )

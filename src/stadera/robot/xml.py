@@ -1,4 +1,4 @@
-"""XML of robot models: read within limits, changed, and written with its comments and the prefixes of its names.
+"""XML of robot models: read within limits, and written with its comments and the prefixes of its names.
 
 A xacro is read after expansion by the package xacro (the extra of that name). Entities, which can expand without bound,
 are not read.
@@ -6,7 +6,7 @@ are not read.
 
 import re
 import xml.etree.ElementTree as ET
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import redirect_stderr, suppress
 from dataclasses import dataclass
 from io import StringIO
@@ -16,13 +16,8 @@ from xml.dom.minidom import Element
 from xml.parsers import expat
 from xml.sax.saxutils import escape, quoteattr
 
-import numpy as np
-
 from stadera.errors import MissingExtraError, ModelError
-from stadera.inertia import InertialParameters
 from stadera.limits import DEFAULTS, Limits
-from stadera.robot.model import JointDynamics
-from stadera.types import Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,116 +164,6 @@ def expanded(path: Path) -> str:
         raise ModelError(f"{path}: xacro cannot expand it ({why}); {by_hand}") from error
 
 
-# -- changes ---------------------------------------------------------------------------------------------------------
-
-
-def named(root: ET.Element, tag: str, name: str, source: Path) -> ET.Element:
-    """The element with that tag and name. Raises ModelError: there is none, as for bodies that a model attaches from
-    another file.
-    """
-    for found in root.iter(tag):
-        if found.get("name") == name:
-            return found
-    raise ModelError(f"{source}: no <{tag} name={name!r}> in the file itself to write the values into")
-
-
-def check_free(root: ET.Element, tag: str, name: str) -> None:
-    """Checks that no element of that tag has this name. Raises ModelError: there is one."""
-    if any(found.get("name") == name for found in root.iter(tag)):
-        raise ModelError(f"the model has a {tag} {name!r} already; a payload needs another name")
-
-
-def put_child(parent: ET.Element, child: ET.Element) -> None:
-    """Replaces the first child of the same tag, or inserts the child first; further children of its tag are removed."""
-    present = parent.findall(child.tag)
-    child.tail = present[0].tail if present else None
-    if present and len(child) and len(present[0]):  # on lines as those that are replaced
-        child.text = present[0].text
-        for one in child:
-            one.tail = child.text
-        child[-1].tail = present[0][-1].tail
-    at = list(parent).index(present[0]) if present else 0
-    for one in present:
-        parent.remove(one)
-    parent.insert(at, child)
-
-
-def remove(parent: ET.Element, child: ET.Element) -> None:
-    """Takes a child out with its line."""
-    at = list(parent).index(child)
-    if at == len(parent) - 1 and at:
-        parent[at - 1].tail = child.tail
-    elif at == len(parent) - 1:
-        parent.text = child.tail
-    parent.remove(child)
-
-
-def append(parent: ET.Element, child: ET.Element) -> None:
-    """Adds a last child, on its own line where the others are."""
-    if len(parent):
-        child.tail, parent[-1].tail = parent[-1].tail, parent.text
-    parent.append(child)
-
-
-def element(tag: str, attributes: Mapping[str, str], *inside: ET.Element) -> ET.Element:
-    """A new element with these attributes and children."""
-    made = ET.Element(tag, dict(attributes))
-    made.extend(inside)
-    return made
-
-
-def numbers(*values: float | Iterable[float] | Array) -> str:
-    """Numbers in full precision, for XML attributes of both formats."""
-    flat = [v for value in values for v in (value if isinstance(value, Iterable) else (value,))]
-    return " ".join(repr(float(value)) for value in flat)
-
-
 def plain(text: str) -> str:
     """A comment's text; XML forbids two hyphens in it."""
     return text.replace("--", "- -")
-
-
-def description(links: Iterable[str], dynamics: Mapping[str, JointDynamics], without_place: Iterable[str]) -> str:
-    """Comment on the links and joints written, and on joint values that the format cannot represent."""
-    lines = [
-        "Written by stadera. Inertial values of these links are those of all that moves with the link, and the "
-        f"inertials of the bodies fixed to it were taken away: {', '.join(links) or 'none'}.",
-        f"Joint friction written for: {', '.join(dynamics) or 'none'}.",
-    ]
-    units = {"armature": "kg m^2", "offset": "N m"}
-    left = [(j, kind, getattr(d, kind)) for j, d in dynamics.items() for kind in without_place if getattr(d, kind)]
-    if left:
-        listed = "; ".join(f"{joint} {kind} {value!r} {units[kind]}" for joint, kind, value in left)
-        lines.append(f"Values that this format has no place for: {listed}.")
-    return "\n  ".join(lines)
-
-
-@dataclass(frozen=True, eq=False)
-class PayloadLink:
-    """The link to add: its ten parameters in the trunk frame (with a zero tensor about its centre of mass a point
-    mass), its name, and one sentence on the accuracy of the values for readers of the file, or empty. Raises
-    ModelError: the mass is not positive.
-    """
-
-    body: InertialParameters
-    name: str = "payload"
-    note: str = ""
-
-    def __post_init__(self) -> None:
-        if not self.body.mass > 0:
-            raise ModelError(f"a payload needs a positive mass to be a link, got {self.body.mass:.6g} kg")
-
-    @property
-    def tensor(self) -> Array:
-        """Inertia about its centre of mass, trunk axes, (3, 3) [kg·m²]; rounding errors of a point mass are set to
-        zero.
-        """
-        tensor = self.body.inertia_com
-        return np.where(np.abs(tensor) < 1e-12 * np.abs(self.body.inertia).max(), 0.0, tensor)
-
-    def append_to(self, parent: ET.Element, *nodes: ET.Element) -> None:
-        """Appends the elements that make the link, after a comment, each on its own line."""
-        parent.append(ET.Comment(plain(f" {self.name}: the load that was weighed. {self.note} ")))
-        parent.extend(nodes)
-        for node in parent[-1 - len(nodes) :]:
-            node.tail = "\n  "

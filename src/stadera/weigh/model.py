@@ -11,8 +11,8 @@ import numpy as np
 
 from stadera.errors import IdentificationError
 from stadera.inertia import InertialParameters
+from stadera.robot.export import PayloadLink
 from stadera.robot.model import Robot
-from stadera.robot.xml import PayloadLink
 from stadera.trunk.load import SIGNIFICANT, Payload
 from stadera.types import Array, Bools
 from stadera.weigh.result import Weighing
