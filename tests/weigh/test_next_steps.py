@@ -12,7 +12,7 @@ from stadera.excite.trunk.design import RoutineSettings, undesigned_bars
 from stadera.excite.trunk.planted import Drawn, Planted
 from stadera.inertia import InertialParameters
 from stadera.trunk import Samples
-from stadera.weigh.next_steps import UseLimits, next_steps
+from stadera.weigh.next_steps import NextStep, UseLimits, next_steps, steps_known
 
 GO2 = load_robot("go2")
 LOAD = InertialParameters.from_com(1.0, (0.0, 0.0, 0.1), 0.002 * np.eye(3))
@@ -47,10 +47,15 @@ def weighed(size: float, tare: bool = True) -> TrunkEstimator:
     return estimator
 
 
+def steps_of(estimator: TrunkEstimator, limits: UseLimits | None = None) -> tuple[NextStep, ...]:
+    known = steps_known(GO2, estimator, limits)
+    return next_steps(GO2, estimator.trunk, estimator.payload, known, limits)
+
+
 def test_a_payload_that_is_hardly_known_is_known_after_a_sway() -> None:
     estimator = weighed(0.02)
     assert estimator.payload is not None
-    steps = next_steps(GO2, estimator)
+    steps = steps_of(estimator)
     assert any("sway for 5 s" in step.do and "stadera excite --robot go2 --trunk" in step.do for step in steps)
     assert [step.payload_std for step in steps] == sorted(step.payload_std for step in steps)
     assert all(step.payload_std < UseLimits().gained * estimator.payload.mass_std for step in steps)
@@ -63,7 +68,7 @@ def test_a_payload_that_is_hardly_known_is_known_after_a_sway() -> None:
 
 def test_ten_steps_are_offered_with_the_bar_that_they_bring() -> None:
     """By the estimator on a made walk; a robot with other errors that takes these steps gets such a bar."""
-    steps = next_steps(GO2, weighed(0.02))
+    steps = steps_of(weighed(0.02))
     step = next(step for step in steps if "ten slow steps" in step.do)
     drawn, rate = Drawn(GO2, np.random.default_rng(9)), 250.0
     walk = Planted.stepping(drawn.true, 10, rate)
@@ -111,14 +116,14 @@ def test_bars_of_a_known_weight_are_those_that_are_reached_with_it() -> None:
     assert expected.payload is not None
     assert 0.3 * expected.payload.mass_std < calibrated < expected.payload.mass_std
     alone = weighed(1.0, tare=False)
-    (step,) = next_steps(GO2, alone)
+    (step,) = steps_of(alone)
     assert "--weight" in step.do
     assert step.to_dict()["then"]["payload_std"] is None
     assert step.trunk_std < 0.5 * alone.trunk.mass_std
 
 
 def test_nothing_is_to_be_done_where_bars_are_narrow() -> None:
-    assert next_steps(GO2, weighed(1.0), UseLimits(fine=0.5)) == ()
+    assert steps_of(weighed(1.0), UseLimits(fine=0.5)) == ()
     bars = undesigned_bars(GO2, 0.1)
     assert bars is not None
     assert bars.mass < 0.1

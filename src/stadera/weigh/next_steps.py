@@ -18,6 +18,7 @@ from stadera.robot.model import Robot
 from stadera.trunk.estimator import TrunkEstimator
 from stadera.trunk.load import SIGNIFICANT, Payload
 from stadera.trunk.protocol import Weigher
+from stadera.trunk.result import TrunkParameters
 from stadera.weigh.settings import weight_std
 
 
@@ -66,24 +67,44 @@ class NextStep:
         }
 
 
-def next_steps(robot: Robot, estimator: Weigher, limits: UseLimits | None = None) -> tuple[NextStep, ...]:
-    """What makes the payload's bar narrower, or without a tare the trunk's, the best first; nothing if it is narrow."""
-    limits, trunk, payload = limits or UseLimits(), estimator.trunk, estimator.payload
-    mass, std = (trunk.inertial.mass, trunk.mass_std) if payload is None else (abs(payload.mass), payload.mass_std)
-    enough = limits.determined(robot, trunk.mass_std, payload)["trunk" if payload is None else "payload"]
-    if enough and (std <= limits.fine * mass or mass < SIGNIFICANT * std):
+def steps_known(robot: Robot, estimator: Weigher, limits: UseLimits | None = None) -> tuple[NextStep, ...]:
+    """A scale, a test weight and a memory, whose bars the estimator's own information tells; nothing if the payload's
+    bar, or without a tare the trunk's, is narrow.
+    """
+    limits = limits or UseLimits()
+    if not isinstance(estimator, TrunkEstimator) or _narrow(robot, estimator.trunk, estimator.payload, limits):
         return ()
-    found = []
-    if isinstance(estimator, TrunkEstimator):
-        found += list(_known(robot, estimator, limits))
-    if payload is not None:
-        found += list(_moves(robot, payload, limits))
+    return tuple(_known(robot, estimator, limits))
+
+
+def next_steps(
+    robot: Robot,
+    trunk: TrunkParameters,
+    payload: Payload | None,
+    known: tuple[NextStep, ...] = (),
+    limits: UseLimits | None = None,
+) -> tuple[NextStep, ...]:
+    """What makes the payload's bar narrower, or without a tare the trunk's, the best first; nothing if it is narrow.
+    Motions are added to the `known` steps, whose bars an estimator computes on made logs, within seconds.
+    """
+    limits = limits or UseLimits()
+    if _narrow(robot, trunk, payload, limits):
+        return ()
+    found = (*known, *(() if payload is None else _moves(robot, payload, limits)))
 
     def bar(step: NextStep) -> float:
         return step.trunk_std if payload is None else step.payload_std
 
+    std = trunk.mass_std if payload is None else payload.mass_std
     most = limits.gained * std if isfinite(std) else inf
     return tuple(sorted((step for step in found if bar(step) < most), key=bar))
+
+
+def _narrow(robot: Robot, trunk: TrunkParameters, payload: Payload | None, limits: UseLimits) -> bool:
+    """Whether the bar that counts is too narrow for a step to be worth its effort."""
+    mass, std = (trunk.inertial.mass, trunk.mass_std) if payload is None else (abs(payload.mass), payload.mass_std)
+    enough = limits.determined(robot, trunk.mass_std, payload)["trunk" if payload is None else "payload"]
+    return enough and (std <= limits.fine * mass or mass < SIGNIFICANT * std)
 
 
 def _known(robot: Robot, estimator: TrunkEstimator, limits: UseLimits) -> Iterator[NextStep]:

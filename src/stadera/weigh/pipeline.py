@@ -32,7 +32,7 @@ from stadera.trunk.standing.forces import measurements_without_imu
 from stadera.trust import Trust, Verdict
 from stadera.types import Array, Progress
 from stadera.weigh.against_model import Footprint, doubts
-from stadera.weigh.next_steps import next_steps
+from stadera.weigh.next_steps import steps_known
 from stadera.weigh.reading import CheckedLog
 from stadera.weigh.result import Refusal, Timeline, Weighing
 from stadera.weigh.settings import TestWeight, Watch, WeighSettings
@@ -258,7 +258,7 @@ class _LogPass:
             ),
             memory=memory,
             stance=None if stood is None else Stance(level_axes(stood[0]), stood[1]),
-            next=() if trust.verdict == "bad" else next_steps(self._request.robot, estimator),
+            steps_known=() if trust.verdict == "bad" else steps_known(self._request.robot, estimator),
             **more,  # type: ignore[arg-type]
         )
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
+from functools import cached_property
 from os import PathLike
 from typing import TYPE_CHECKING, Any
 
@@ -17,7 +18,7 @@ from stadera.trunk.result import TrunkParameters
 from stadera.trunk.standing.estimator import Balance, Stance, Vertical
 from stadera.trust import Trust
 from stadera.types import Array
-from stadera.weigh.next_steps import NextStep, UseLimits
+from stadera.weigh.next_steps import NextStep, UseLimits, next_steps
 
 if TYPE_CHECKING:
     from stadera.lab.truth import Truth
@@ -106,7 +107,7 @@ class Weighing(Result):
         impacts: time left out because the log's rate does not resolve its impacts [s]; None at rest.
         drives: what the motion showed about the joints; None at rest.
         memory: the robot's memory with this log, if one was asked for and the log does not contradict it.
-        next: what would make a wide bar narrower, the best first.
+        steps_known: of `next`, those whose bars this log's own information tells.
     """
 
     robot: Robot
@@ -131,7 +132,7 @@ class Weighing(Result):
     impacts: float | None = None
     drives: Drives | None = None
     memory: Memory | None = None
-    next: tuple[NextStep, ...] = ()
+    steps_known: tuple[NextStep, ...] = ()
 
     @property
     def mass(self) -> float:
@@ -162,6 +163,11 @@ class Weighing(Result):
     def is_trusted(self) -> bool:
         """True unless the verdict is "bad"."""
         return self.trust.verdict != "bad"
+
+    @cached_property
+    def next(self) -> tuple[NextStep, ...]:
+        """What would make a wide bar narrower, the best first; computed within seconds when it is first asked for."""
+        return next_steps(self.robot, self.trunk, self.payload, self.steps_known) if self.is_trusted else ()
 
     def since_beginning(self) -> Weighing:
         """A copy with all times in seconds since the log's beginning, as people read them; the values themselves are on
