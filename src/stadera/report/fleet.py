@@ -180,8 +180,8 @@ def fleet_html(
         level="warning" if found or failed else "note",
         headline=_headline(found, fleet, len(failed), len(table.rows)),
         word="to be looked at" if found or failed else "good",
-        why=f"{counted(looks_at(fleet), 'look')}; that they report anything of a fleet in which nothing happens has a "
-        f"probability of at most {number(100.0 * chance, 1)} %",
+        why=f"{counted(looks_at(fleet), 'comparison')}; an unchanged fleet is reported with a probability of at most "
+        f"{number(100.0 * chance, 1)} %.",
         next=_advice(found, failed),
         robots=robots_table(table),
         failed=_failed_table(failed) if failed else None,

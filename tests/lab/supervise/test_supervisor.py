@@ -21,7 +21,7 @@ from standing import StandingRobot
 
 HYQ = load_robot("hyq")
 PLACE = (-0.3, 0.15, 0.2)
-PERIOD = 0.004
+PERIOD = 0.01
 ROUND = [
     Mode.WALKING,
     Mode.STOPPING,
@@ -68,7 +68,7 @@ def test_scripted_walker_is_a_walker():
 
 
 def test_nothing_happens_while_nothing_changes():
-    day = Day().meets(0.0, 20.0)
+    day = Day().meets(0.0, 10.0)
     assert day.states == [Mode.WALKING]
     assert day.walker.walking
     assert not day.walker.models
