@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
 
 from stadera.cli import main
+from stadera.excite.trunk import design
+from stadera.robot.model import Robot
 
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -41,6 +43,27 @@ def shared_data() -> Path:
     if not folder.is_dir():
         pytest.skip(f"no real logs: {folder} does not exist (set STADERA_DATA to their folder)")
     return folder
+
+
+@pytest.fixture(autouse=True, scope="session")
+def bars_of_named_robots() -> Iterator[None]:
+    """What a sway and ten steps bring is computed once a robot, not once for every command that loads it."""
+    with pytest.MonkeyPatch.context() as patch:
+        for name in ("undesigned_bars", "bars_of_steps"):
+            patch.setattr(design, name, once(getattr(design, name)))
+        yield
+
+
+def once(bars: Callable[[Robot, float], object]) -> Callable[[Robot, float], object]:
+    known: dict[tuple[str, float, float], object] = {}
+
+    def found(robot: Robot, load: float) -> object:
+        key = robot.name, robot.mass, load
+        if key not in known:
+            known[key] = bars(robot, load)
+        return known[key]
+
+    return found
 
 
 @dataclass(frozen=True)

@@ -214,7 +214,7 @@ def test_refuses_with_a_reason_keeps_the_last_good_estimate_and_goes_on(method: 
     if method in ON_THE_MOVE and what.startswith(AT_REST):
         pytest.skip(f"{method} does not ask for rest")
     estimator = made(method)
-    samples = stream(method, estimator, poses=(LEVEL,), seconds=3.0)
+    samples = stream(method, estimator, poses=(LEVEL,), seconds=2.0)
     for _ in range(100):
         m = next(samples)
         estimator.update(m)
@@ -232,7 +232,7 @@ def test_refuses_with_a_reason_keeps_the_last_good_estimate_and_goes_on(method: 
     assert after.time > before.time
 
 
-@settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=10, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(seed=st.integers(0, 2**32 - 1), size=st.sampled_from([1.0, 10.0, 60.0, 300.0]))
 def test_never_believes_what_cannot_be(method: str, seed: int, size: float) -> None:
     rng, estimator = np.random.default_rng(seed), made(method)
