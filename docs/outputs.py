@@ -6,6 +6,7 @@ between `<!-- begin out_NAME -->` and `<!-- end out_NAME -->` of a page. MOTIONS
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import shlex
@@ -13,6 +14,8 @@ import subprocess
 import sys
 import tempfile
 from pathlib import Path
+
+from stadera.report.numbers import with_std
 
 FOLDER = Path(__file__).parent
 GO2 = "--robot go2 --errors real-unit-gain --rate 500 --load 1.6kg --load-time 10 --duration 20"
@@ -22,6 +25,7 @@ LOGS = (
     f"simulate shake-load {GO2} --out swaying.parquet",
     "simulate trot-load --robot hyq --rate 500 --load 8kg --duration 6 --out trot.csv",
     "simulate stand-load --robot hyq --out stand.csv",
+    "simulate swing --robot hyq --errors real --seed 3 --out swing.csv",
     "simulate shake --robot g1 --arms 0.3 --load 2kg --on left_wrist_yaw_link --at 0.05,0,0.02 --out g1.csv",
     "excite --robot go2 --trunk --out routine.csv",
     "simulate motion --motion routine.csv --robot go2 --load 1.6kg --errors real --out routine.parquet",
@@ -38,9 +42,12 @@ OUTPUTS = {
     "excite": ("excite --robot go2 --trunk --out again.csv", "^A payload"),
     "g1": ("weigh g1.csv --robot g1 --imu-frame imu_in_pelvis --tare 0:3", "^ payload |by odds"),
     "standing": (
-        "weigh stand.csv --robot hyq --method contact --tare 0:4 --truth stand.truth.json",
-        "^ (trunk frame|payload |truth: payload)",
+        "weigh stand.csv --robot hyq --method standing --tare 0:4 --truth stand.truth.json",
+        "^ (trunk frame|payload |truth: payload)|^Payload",
     ),
+    "swing": ("identify swing.csv --robot hyq", "^ joint +torque RMS|^ all joints"),
+    "live": ("live replay:walk.parquet --robot go2 --tare 9", r"^\d+\.\d+ s: "),
+    "fleet": ("fleet walk.parquet standing.parquet swaying.parquet --robot go2 --out runs.parquet", "^ (robot|go2) "),
     "identify": ("identify go2_legs_in_air --robot go2", r"^Trust|below CAD with fitted friction\.$"),
     "own": (
         f"weigh stand.csv --robot hyq --method {FOLDER.parent}/examples/own_estimator.py:MeanMass",
@@ -75,13 +82,25 @@ def motions(folder: Path) -> str:
     return "\n".join(rows)
 
 
+def drives(folder: Path) -> str:
+    """Rotor inertia and friction of a leg's joints, one row each."""
+    printed("identify go2_legs_in_air --robot go2 --json go2.json", folder)
+    rows = ["| joint | armature [kg·m²] | viscous [N·m·s/rad] | coulomb [N·m] |", "|---|---|---|---|"]
+    for joint, found in json.loads((folder / "go2.json").read_text())["joints"].items():
+        if joint.startswith("FL"):
+            terms = (found[name] for name in ("armature", "viscous", "coulomb"))
+            cells = ("not measured" if t["std"] is None else with_std(t["value"], t["std"]) for t in terms)
+            rows.append(f"| {joint} | {' | '.join(cells)} |")
+    return "\n".join(rows)
+
+
 def main() -> None:
     with tempfile.TemporaryDirectory() as made:
         folder = Path(made)
         for command in LOGS:
             printed(command, folder)
         blocks = {name: shown(printed(command, folder), lines) for name, (command, lines) in OUTPUTS.items()}
-        blocks["motions"] = motions(folder)
+        blocks |= {"motions": motions(folder), "drives": drives(folder)}
     for page in FOLDER.rglob("*.md"):
         text = old = page.read_text(encoding="utf-8")
         for name, block in blocks.items():

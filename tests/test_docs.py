@@ -94,6 +94,19 @@ def test_commands_have_their_options(page: Path) -> None:
         assert not missing, command
 
 
+def test_what_is_to_be_expected_is_printed_by_a_command_of_the_page() -> None:
+    """Written by `python docs/outputs.py`; names of files do not count."""
+    sys.path.insert(0, str(ROOT / "docs"))
+
+    def plain(words: list[str]) -> set[str]:
+        return {word for word in words if not re.search(r"\.(csv|parquet|mcap|json|html|yaml|py:\w+)$", word)}
+
+    for name, (command, _) in import_module("outputs").OUTPUTS.items():
+        (page,) = [page for page in CURRENT if f"<!-- begin out_{name} -->" in page.read_text()]
+        told = [plain(words[1:]) for words in commands(page)]
+        assert any(plain(shlex.split(command)) <= words for words in told), name
+
+
 # -- code that runs ---------------------------------------------------------------------------------------------------
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:

@@ -239,10 +239,9 @@ def test_a_tare_before_the_log_counts_from_its_beginning(run, clean: Recording, 
         finished = run("weigh", log, "--robot", "hyq", "--tare", tare, "--json", tmp_path / "out.json")
         assert finished.code == 0, finished.err
         found.append(json.loads((tmp_path / "out.json").read_text())["payload"]["mass"])
-        said = "0 to 1 s, is before the log and taken from its beginning at 1700000000.000 s" in " ".join(
-            finished.out.split()
-        )
-        assert said == (tare == "0:1")
+        told = " ".join(finished.out.split())
+        assert told.count("1700000000") == 1, "the log's own clock is named once"
+        assert "times count from the log's beginning, 1700000000.000 s" in told
     assert found[0] == found[1]
     finished = run("weigh", log, "--robot", "hyq", "--tare", "100:101")
     assert finished.code == 1

@@ -89,7 +89,7 @@ def weigh(
         guard = Guard(model, model.tree.joints, imu_frame=imu_frame)
         read = tuple(guard.mended(each) for each in read)
     source, *others = (CheckedLog(model, each, chosen, imu_frame, force) for each in read)
-    span, shifted = _in_time_of(source, tare) if isinstance(tare, tuple) else (None, ())
+    span = _in_time_of(source, tare) if isinstance(tare, tuple) else None
     on_scale = weight if isinstance(weight, tuple) or weight is None else (weight, weight_std(weight))
     request = Request(
         model,
@@ -111,10 +111,10 @@ def weigh(
     trust = result.trust.with_legs(model.distrust)
     if kin := _other_robots(model, result):
         if result.payload is None:
-            shifted = (*shifted, f"{kin}; or it carries a load")
+            said = (*said, f"{kin}; or it carries a load")
         else:
             trust = trust.at_most("doubtful", f"{kin}; or it carried a load at the tare")
-    return replace(result, trust=trust, notes=(*said, *shifted, *result.notes))
+    return replace(result, trust=trust, notes=(*said, *result.notes))
 
 
 def _choose_method(log: CheckedLog, others: list[CheckedLog], settings: WeighSettings) -> str:
@@ -187,17 +187,14 @@ def _other_robots(robot: Robot, result: Weighing) -> str:
     return f"{has}: perhaps it is {' or '.join(others[:3])}" if others else ""
 
 
-def _in_time_of(log: CheckedLog, tare: tuple[float, float]) -> tuple[tuple[float, float], tuple[str, ...]]:
-    """The tare's range in the log's own time, and a note if it was given from the log's beginning. Raises
+def _in_time_of(log: CheckedLog, tare: tuple[float, float]) -> tuple[float, float]:
+    """The tare's range in the log's own time; one before the log counts from its beginning. Raises
     IdentificationError: it does not begin before its end.
     """
     (begin, end), first = tare, log.begin
     if not begin < end:
         raise IdentificationError(f"a tare's range needs a beginning before its end, got {tare} s")
-    if not 0.0 <= begin < end < first:
-        return tare, ()
-    note = f"the tare's time, {begin:g} to {end:g} s, is before the log and taken from its beginning at {first:.3f} s"
-    return (first + begin, first + end), (note,)
+    return (first + begin, first + end) if 0.0 <= begin < end < first else tare
 
 
 @dataclass(frozen=True)
