@@ -12,7 +12,7 @@ from stadera.identify.settings import IdentifySettings
 from stadera.lab.scenarios.catalog import SimulateSettings
 from stadera.lab.scenarios.run import swing
 from stadera.logs.recording import Recording, take
-from stadera.logs.repeats import without_repeats
+from stadera.logs.stamps import without_repeats
 from stadera.robot import load_robot
 
 JOINTS = ("a", "b", "c")

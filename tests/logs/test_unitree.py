@@ -40,8 +40,6 @@ def test_motors_by_name_and_the_imu_in_our_order(tmp_path: Path, kind: str) -> N
         np.testing.assert_allclose(log.imu.linear_acceleration[7], (4, 5, 6))
         np.testing.assert_allclose(log.imu.orientation[7], (0.1, 0.7, 0.5, 0.5), rtol=1e-6)  # type: ignore[index]
         np.testing.assert_allclose(np.diff(log.time), 0.002, atol=1e-6)
-        (note,) = [note for note in log.notes if "foot_force" in note] or [""]
-        assert note.endswith("(FR 0 to 0, FL 1 to 1, RR 2 to 2, RL 3 to 3)") == (kind == LOW_STATES[0])
 
 
 def test_a_humanoids_motors_are_a_g1s_and_parallel_ankles_are_named(tmp_path: Path) -> None:

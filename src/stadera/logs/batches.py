@@ -1,11 +1,11 @@
 """Converts batches of a table's columns to recordings: computes or converts stamps, merges rows with different stamps,
-drops rows with blanks, checks every value, corrects the clock, cuts even chunks.
+drops rows with blanks or repeated times, checks every value, cuts even chunks.
 
 A batch is an array (columns, rows) of consecutive rows, its columns those of `Layout.columns`; a blank cell is NaN.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import chain
 from typing import Any
 
@@ -16,13 +16,41 @@ from stadera.errors import RecordingError
 from stadera.limits import Budget
 from stadera.logs.columns import TIME, Layout
 from stadera.logs.recording import Imu, OtherJoints, Recording, check_values, with_velocity
-from stadera.logs.stamps import RowClock
 from stadera.logs.topics import DESIRED, PD_DOUBT, PdGains
 from stadera.logs.units import FACTORS, unix_unit
 from stadera.types import Array, Bools
 
 MOST_ROWS = 32768
 """Rows of a batch, or of a chunk of a log."""
+
+
+@dataclass
+class RowClock:
+    """Tells the samples of consecutive chunks of one log whose time repeats or runs back, which are left out.
+
+    If more than a share `most_wrong` of the samples so far does, the column is not a clock.
+    """
+
+    source: str
+    most_wrong: float = 0.01
+    _last: float = -np.inf  # s, of the last sample kept
+    _wrong: int = 0
+
+    def __call__(self, time: Array, samples: NDArray[np.int64]) -> Bools:
+        """Which samples of a chunk to keep, given its time (samples,) [s] and their indices in the log. Raises
+        RecordingError: too many repeat or run back.
+        """
+        before = np.maximum.accumulate(np.concatenate([[self._last], time]))
+        kept = time > before[:-1]
+        wrong = np.flatnonzero(~kept)
+        counts = self._wrong + 1 + np.arange(len(wrong))
+        for at in wrong[counts > self.most_wrong * samples[wrong]][:1]:
+            what = "stands still" if time[at] == before[at] else "runs back"
+            raise RecordingError(
+                f"{self.source}: column 'time' {what} at sample {samples[at]} ({before[at]:.6f} to {time[at]:.6f} s)"
+            )
+        self._last, self._wrong = float(before[-1]), self._wrong + len(wrong)
+        return kept
 
 
 def rows_at_once(columns: int) -> int:
@@ -96,18 +124,20 @@ def _recording(batch: Array, layout: Layout, source: str, first: int, clock: Row
     if not len(samples):
         return None
     check_values(values[0], (TIME,), source, samples)
-    time, kept, more = clock(values[0], samples)
+    kept = clock(values[0], samples)
     if not kept.any():
         return None
-    time, values, samples = time[kept], values if kept.all() else values[:, kept], samples[kept]
+    if not kept.all():
+        notes += (f"left out {np.count_nonzero(~kept)} samples whose time repeats or runs back",)
+        values, samples = values[:, kept], samples[kept]
     try:
-        return _of_columns(time, values, layout, source, (*(layout.notes if first == 0 else ()), *notes, *more))
+        return _of_columns(values, layout, source, (*(layout.notes if first == 0 else ()), *notes))
     except RecordingError:
         check_values(values.T, layout.columns, source, samples)  # the same, with the sample's place in the log
         raise
 
 
-def _of_columns(time: Array, values: Array, layout: Layout, source: str, notes: tuple[str, ...]) -> Recording:
+def _of_columns(values: Array, layout: Layout, source: str, notes: tuple[str, ...]) -> Recording:
     """Makes a recording from a layout and its columns, `values` (columns, samples)."""
     place = {name: i for i, name in enumerate(layout.columns)}
 
@@ -120,7 +150,7 @@ def _of_columns(time: Array, values: Array, layout: Layout, source: str, notes: 
     others = {channel: block(columns) for channel, columns in layout.others.items()}
     desired = {name: channels.pop(name) for name in DESIRED if name in channels}
     recording = Recording(
-        time=time,
+        time=values[0],
         joints=layout.joints,
         imu=Imu(**imu, frame=layout.imu_frame) if imu else None,
         foot_force={foot: block(columns) for foot, columns in layout.force.items()},

@@ -18,8 +18,7 @@ from stadera.logs.columns import layout
 from stadera.logs.frames import columns_of
 from stadera.logs.mend import changed, sources_of
 from stadera.logs.recording import Recording, concatenate, take
-from stadera.logs.repeats import without_repeats
-from stadera.logs.stamps import with_steps_of_motion
+from stadera.logs.stamps import with_steps_of_motion, without_repeats
 from stadera.logs.tables import TableReader
 from stadera.logs.tables.arrays import MatTable, NpzTable
 from stadera.logs.tables.arrow import CsvTable, ParquetTable

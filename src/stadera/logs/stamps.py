@@ -1,5 +1,8 @@
-"""Corrects stamps: of a table whose time repeats or runs back, row by row; and of a log whose samples were stamped when
-they arrived, by what its joints did between them.
+"""Samples of a log as they were taken: without those that repeat the joints' values, of a log that is written faster
+than its joints are read; and with the times at which they were taken, of one that was stamped when they arrived.
+
+Between two readings of the joints these seem to rest and then to jump, and their torques are those of an earlier
+instant. An IMU that is held for a few samples does no such harm.
 
 All joints tell how long a step between two samples took: with Δq_j = v_j Δt, v_j the mean of the two velocities,
 
@@ -19,75 +22,52 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from stadera.errors import RecordingError, require_positive
-from stadera.logs.recording import Recording
-from stadera.logs.sampling import GAP_FACTOR
+from stadera.errors import require_positive
+from stadera.logs.recording import Recording, take
 from stadera.types import Array, Bools
 
+LONGEST = 0.05
+"""Longest time for which joints are held [s], between readings at 20 Hz; joints that repeat for longer are at rest."""
+SHARE = 0.2
+"""Share of the samples that repeat the one before, from which on they are left out [1]: 200 Hz read at 250 Hz."""
 
-@dataclass
-class RowClock:
-    """Makes the time of consecutive chunks of one log strictly increasing.
+ENOUGH = 10
+"""Least number of different samples by which joints are taken to be held: fewer may be a robot at rest."""
 
-    A sample at most GAP_FACTOR mean steps earlier than the previous one is skipped: a repeated row, or one out of
-    order. If it is further back, the clock was set back, by an unknown amount: what follows is placed after a gap. If
-    more than this share of the steps so far stands still or runs back, the column is not a clock.
+_CHANNELS = ("position", "velocity", "effort")
+
+
+def without_repeats(chunks: Iterable[Recording]) -> Iterator[Recording]:
+    """Yields the consecutive parts of a log without samples that have the same positions, velocities and efforts as the
+    one before; all samples where these are not known, or repeat for long. The first part with any has a note.
     """
+    last: Array | None = None
+    noted = False
+    for chunk in chunks:
+        if chunk.velocity is None or chunk.effort is None or not chunk.joints:
+            yield chunk
+            continue
+        values = np.hstack([channel for name in _CHANNELS if (channel := getattr(chunk, name)) is not None])
+        first = np.full_like(values[:1], np.nan) if last is None else last
+        last, fresh = values[-1:], (np.diff(values, axis=0, prepend=first) != 0.0).any(axis=1)
+        kept = _kept(fresh, chunk.time)
+        if kept.all():
+            yield chunk
+        elif kept.any():
+            note = f"{100 * (1 - kept.mean()):.0f} % of the samples repeat the joints' values, and are left out"
+            yield replace(take(chunk, kept), notes=(*chunk.notes, *([] if noted else [note])))
+            noted = True
 
-    source: str
-    most_wrong: float = 0.01
-    _first: float = np.nan  # s
-    _last: float = -np.inf  # s, of the last sample kept, after shifts
-    _previous: float = -np.inf  # s, of the last sample read, kept or not, before shifts
-    _shift: float = 0.0  # s
-    _wrong: int = 0
 
-    def __call__(self, time: Array, samples: NDArray[np.int64]) -> tuple[Array, Bools, tuple[str, ...]]:
-        """Corrects a chunk's time (samples,) [s], given the samples' indices in the log. Returns time, the samples to
-        keep, and notes. Raises RecordingError: too many samples repeat or run back.
-        """
-        raw, time, kept = time, time + self._shift, np.ones(len(time), dtype=bool)
-        falls = np.diff(raw, prepend=self._previous) <= 0
-        self._first = float(time[0]) if np.isnan(self._first) else self._first
-        dropped, notes, at = 0, [], 0
-        while at < len(time):
-            wrong = np.flatnonzero(np.diff(time[at:], prepend=self._last) <= 0)
-            stop = at + int(wrong[0]) if len(wrong) else len(time)
-            self._last = float(time[stop - 1]) if stop > at else self._last
-            if stop == len(time):
-                break
-            if falls[stop]:
-                self._count(float(time[stop]), int(samples[stop]))
-            if back := self._set_back(float(time[stop]), int(samples[stop])):
-                notes.append(
-                    f"time is set back at sample {samples[stop]}, {self._last - self._shift:.3f} to {raw[stop]:.3f} s: "
-                    f"the log is split there, what follows is put {back:.3g} s later"
-                )
-                self._shift += back
-                time[stop:] = raw[stop:] + self._shift
-                at = stop
-            else:
-                kept[stop], dropped, at = False, dropped + 1, stop + 1
-        self._previous = float(raw[-1]) if len(raw) else self._previous
-        if dropped:
-            notes.append(f"left out {dropped} samples whose time repeats or runs back")
-        return time, kept, tuple(notes)
-
-    def _set_back(self, time: float, sample: int) -> float:
-        """Shift for this sample and all after it [s]; 0 for a single sample out of order."""
-        gap = GAP_FACTOR * (self._last - self._first) / sample
-        return 0.0 if time >= self._last - gap else self._last + 2.0 * gap - time
-
-    def _count(self, time: float, sample: int) -> None:
-        self._wrong += 1
-        if self._wrong <= self.most_wrong * sample:
-            return
-        what = "stands still" if time == self._last else "runs back"
-        raise RecordingError(
-            f"{self.source}: column 'time' {what} at sample {sample} ({self._last:.6f} to {time:.6f} s)"
-        )
+def _kept(fresh: Bools, time: Array) -> Bools:
+    """Which samples (n,) are kept, given those that differ from the one before."""
+    begin = np.flatnonzero(np.concatenate([[True], fresh[1:]]))  # of runs of equal samples
+    end = np.append(begin[1:], len(fresh))
+    short = time[end - 1] - time[begin] <= LONGEST
+    repeats = ~fresh & np.repeat(short, end - begin)
+    held = np.count_nonzero(fresh) >= ENOUGH and repeats.mean() > SHARE
+    return ~repeats if held else np.ones(len(fresh), dtype=bool)
 
 
 @dataclass(frozen=True)

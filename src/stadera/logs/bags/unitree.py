@@ -46,8 +46,6 @@ class LowStates:
         self._words = _byte_places([at[name] for name in (*motors, *imu, *quaternion)], 4)
         self._angles = _byte_places([at[f"motor_state.{k}.q"] for k in range(count)], 4)
         self._tick = _byte_places([at["tick"]], 4)
-        self._feet = at.get("foot_force.0")
-        self._least, self._most = np.full(4, np.inf), np.full(4, -np.inf)
         self._columns = (*joint_columns(motor_names(joints, self._names)), *IMU_NAMES)
         self.clock, self.motors = TickClock(settings), 0
 
@@ -69,10 +67,6 @@ class LowStates:
         ticks = _numbers_at(body, self._tick, f"{order}u4")[:, 0].tolist()
         if not self.motors:
             self.motors = 1 + int(np.flatnonzero(_numbers_at(body, self._angles, f"{order}f4")[0]).max(initial=-1))
-        if self._feet is not None:
-            counts = _numbers_at(body, _byte_places([self._feet], 8), f"{order}i2")
-            self._least = np.minimum(self._least, counts.min(axis=0))
-            self._most = np.maximum(self._most, counts.max(axis=0))
         received = np.array([message.received for message in messages])
         stamps = [self.clock.stamp(*one) for one in zip(received.tolist(), ticks, strict=True)]
         return [Decoded(messages[0].topic, received, np.array(stamps), "", self._columns, values)]
@@ -86,10 +80,6 @@ class LowStates:
         yield from self.clock.notes(topic)
         if self.motors > len(self._names) == len(MOTORS):
             yield f"{topic} has {self.motors} motors: the legs' twelve are read, {', '.join(MOTORS[:3])} and so on"
-        if self._feet is not None and np.isfinite(self._least).all():
-            feet = zip(MOTORS[::3], self._least, self._most, strict=True)
-            counts = ", ".join(f"{motor[:2]} {low:g} to {high:g}" for motor, low, high in feet)
-            yield f"foot_force of {topic} is not used: counts of a sensor, not newtons ({counts})"
 
 
 class TickClock:

@@ -192,14 +192,10 @@ def _batch_of(table: pa.RecordBatch, columns: Sequence[str], source: str, first:
     blank = np.zeros(values.shape, dtype=bool)
     for i, name in enumerate(columns):
         cells = _numbers(table.column(name), name, source)
-        valid, numbers = cells.buffers()  # `to_numpy` would import pandas
-        if not len(cells) or numbers is None:
-            blank[i] = True
-            continue
-        values[i] = np.frombuffer(numbers, np.float64, len(cells), 8 * cells.offset)
         if cells.null_count:
-            bits = np.unpackbits(np.frombuffer(valid, np.uint8), count=cells.offset + len(cells), bitorder="little")
-            blank[i] = bits[cells.offset :] == 0
+            blank[i] = np.from_dlpack(cells.is_null().cast("uint8"))
+            cells = cells.fill_null(0.0)
+        values[i] = np.from_dlpack(cells)  # `to_numpy` would import pandas
     wrong = np.isnan(values) & ~blank.any(axis=0)
     if wrong.any():
         row, column = np.argwhere(wrong.T)[0]
