@@ -18,10 +18,10 @@ from stadera.logs.bags.choice import Choice
 from stadera.logs.bags.container import Decoded, Message, Topic
 from stadera.logs.bags.decode import IMU, Decoder, decoder
 from stadera.logs.bags.log import stamped
-from stadera.logs.bags.merging import Merging, beginning_of
+from stadera.logs.bags.merging import Merging
 from stadera.logs.bags.unitree import LOW_STATES
 from stadera.logs.batches import recordings
-from stadera.logs.columns import TIME, Layout, layout
+from stadera.logs.columns import Layout, layout
 from stadera.logs.recording import Recording
 from stadera.logs.topics import AS_RECORDED, ReadOptions, Topics
 from stadera.robot.model import Robot
@@ -170,11 +170,12 @@ class Intake:
     def _merging_of(self, head: Sequence[Decoded], topics: Choice) -> Merging:
         """The merging of messages into rows, determined from the first messages of the chosen topics."""
         joints = self._robot.tree.joints
-        start = beginning_of(head, topics.joint, topics.imu, (*joints, *self._reading.others))
-        if start.imu_fault:
-            raise RecordingError(f"topic {topics.imu} cannot be used as IMU: {start.imu_fault}")
-        names, require = (TIME, *start.columns), ("velocity", "effort", "imu")
-        self._layout = replace(layout(names, _SOURCE, joints, require, self._reading), imu_frame=start.imu_frame)
+        merging = Merging(head, topics, (*joints, *self._reading.others), self._settings.bags)
+        if merging.imu_fault:
+            raise RecordingError(f"topic {topics.imu} cannot be used as IMU: {merging.imu_fault}")
+        found = layout(merging.columns, _SOURCE, joints, ("velocity", "effort", "imu"), self._reading)
+        self._layout = replace(found, imu_frame=merging.imu_frame)
+        merging.choose(found.recorded)
         stamps = [int(sample.stamp[0]) for sample in head if sample.topic == topics.joint]
         rate, least = 1e9 / max(float(np.median(np.diff(stamps))), 1.0), self._settings.least_rate
         if rate < least / 1.02:
@@ -182,7 +183,7 @@ class Intake:
                 f"{topics.joint}: {rate:.3g} messages a second, of which weighing in motion sees too little; "
                 f"{least:g} are needed"
             )
-        return Merging(start, topics.joint, topics.imu, self._layout.recorded, self._settings.bags)
+        return merging
 
     def _merge(self, sample: Decoded, arrived: float, merging: Merging) -> None:
         stamp = self.clock.at(sample.topic, int(sample.stamp[0]), arrived)

@@ -7,8 +7,7 @@ from itertools import islice
 
 from stadera.errors import RecordingError
 from stadera.logs.bags.container import BagSettings, Message, Topic
-from stadera.logs.bags.decode import IMU, JOINT_STATE, decoder, has_states, is_low_state
-from stadera.logs.bags.merging import joints_in
+from stadera.logs.bags.decode import IMU, JOINT_STATE, decoder, has_states, is_low_state, joints_in
 from stadera.logs.topics import Topics
 
 _SLOW_TWIN = "lf"

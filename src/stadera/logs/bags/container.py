@@ -5,9 +5,8 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import dataclass, field
-from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, Self, TypeVar
+from typing import TYPE_CHECKING, NamedTuple, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -191,35 +190,23 @@ def _why(error: Exception) -> str:
     return f" ({text})" if text else ""
 
 
-def unpacked(data: bytes, compression: str, budget: Budget) -> bytes:
-    """Unpacks a chunk stored with a compression "zstd", "lz4", "bz2"; "" or "none". LimitError if it unpacks to more
-    than the budget allows, RecordingError for another compression; the libraries raise errors of many kinds.
+def unpacked(data: bytes, compression: str, limits: Limits, what: str) -> bytes:
+    """Unpacks what is stored with a compression "zstd", "lz4", "bz2"; "" or "none". LimitError if it unpacks to more
+    than the limits allow, RecordingError for another compression; pyarrow raises errors of several kinds.
     """
-    stream: Any
-    match compression:
-        case "" | "none":
-            return data
-        case "zstd":
-            import zstandard
+    if compression in ("", "none"):
+        return data
+    if compression not in ("zstd", "lz4", "bz2"):
+        raise RecordingError(f"{what} is compressed by {compression!r}; valid: zstd, lz4, bz2")
+    import pyarrow as pa
 
-            if (size := zstandard.frame_content_size(data)) >= 0:
-                budget.require_unpacked(size, "a chunk")
-                return zstandard.ZstdDecompressor().decompress(data)
-            stream = zstandard.ZstdDecompressor().stream_reader(data)
-        case "lz4":
-            import pyarrow as pa
+    if compression == "zstd":
+        import zstandard
 
-            stream = pa.CompressedInputStream(pa.BufferReader(data), "lz4")
-        case "bz2":
-            from bz2 import BZ2File
-
-            stream = BZ2File(BytesIO(data))
-        case _:
-            raise RecordingError(f"{budget.path}: a chunk is compressed by {compression!r}; valid: zstd, lz4, bz2")
-    parts: list[bytes] = []
-    size = 0
+        limits.require("unpacked", zstandard.frame_content_size(data), what, "bytes that it unpacks to")  # if stated
+    stream, parts, size = pa.CompressedInputStream(pa.BufferReader(data), compression), list[bytes](), 0
     while part := stream.read(1 << 20):
         size += len(part)
-        budget.require_unpacked(size, "a chunk")
+        limits.require("unpacked", size, what, "bytes that it unpacks to")
         parts.append(part)
     return b"".join(parts)

@@ -13,7 +13,7 @@ in one of its parts:
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cache
 from importlib import resources
 from itertools import groupby
@@ -23,7 +23,7 @@ import numpy as np
 
 from stadera.errors import RecordingError
 from stadera.limits import DEFAULTS
-from stadera.logs.bags.container import BagSettings, Decoded, Message, Topic
+from stadera.logs.bags.container import BagSettings, Decoded, Message, Topic, unpacked
 from stadera.logs.columns import IMU_COLUMNS
 from stadera.logs.columns import OTHER_CHANNELS as CHANNELS
 from stadera.types import Array
@@ -37,6 +37,8 @@ IMU_NAMES = tuple(name for names in IMU_COLUMNS.values() for name in names)
 
 ZSTD = b"\x28\xb5\x2f\xfd"
 """First bytes of a message that was compressed individually."""
+
+Columns = tuple[str, ...]
 
 Decoder = Callable[[Sequence[Message]], list[Decoded]]
 """Decodes successive messages of one topic. On damaged ones it raises errors of many kinds, and may be asked again for
@@ -110,21 +112,18 @@ def uncompressed(data: bytes) -> bytes:
     """A message's bytes, unpacked if it was compressed individually. Raises LimitError: it unpacks to more than any
     message contains.
     """
-    if data[:4] != ZSTD:
-        return data
-    import zstandard
-
-    size = zstandard.frame_content_size(data)
-    DEFAULTS.require("unpacked", size, "a message", "bytes that it unpacks to")
-    if size < 0:  # not stated
-        return zstandard.ZstdDecompressor().stream_reader(data).read(int(DEFAULTS.unpacked))
-    return zstandard.ZstdDecompressor().decompress(data)
+    return unpacked(data, "zstd", DEFAULTS, "a message") if data[:4] == ZSTD else data
 
 
 @cache
 def joint_columns(names: tuple[str, ...]) -> tuple[str, ...]:
     """Columns of the joints' positions, velocities and efforts."""
     return tuple(f"{name}.{channel}" for channel in CHANNELS for name in names)
+
+
+def joints_in(columns: Iterable[str]) -> Columns:
+    """Joints with a position among these columns."""
+    return tuple(name.removesuffix(".position") for name in columns if name.endswith(".position"))
 
 
 _Read = Callable[[Message, Any], tuple[str, tuple[str, ...], int, Array]]

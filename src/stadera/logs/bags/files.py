@@ -86,7 +86,7 @@ def _mcap_unpacked(record: McapRecord, budget: Budget) -> list[McapRecord]:
 
     if not isinstance(record, Chunk):
         return [record]
-    data = unpacked(record.data, record.compression, budget)
+    data = unpacked(record.data, record.compression, budget.limits, f"{budget.path}: a chunk")
     return breakup_chunk(replace(record, compression="", data=data), validate_crc=True)
 
 
@@ -168,7 +168,7 @@ def _ros1_unpacked(kind: int, header: Header, data: bytes, budget: Budget) -> It
         described = Topic(normalize_msgtype(fields.get_string("type")), fields.get_string("message_definition"))
         yield _Connection(header.get_uint32("conn"), header.get_string("topic"), described)
     elif kind == _CHUNK:
-        inner = unpacked(data, header.get_string("compression"), budget)
+        inner = unpacked(data, header.get_string("compression"), budget.limits, f"{budget.path}: a chunk")
         for record in _ros1_records(BytesIO(inner), len(inner)):
             if record[0] != _CHUNK:
                 yield from _ros1_unpacked(*record, budget)

@@ -19,7 +19,7 @@ from stadera.logs.bags.choice import Offer, choose
 from stadera.logs.bags.container import EARLIEST, LATEST, Bag, BagSettings, Decoded, Message, Stamps
 from stadera.logs.bags.decode import Decoder, decoder
 from stadera.logs.bags.files import Container
-from stadera.logs.bags.merging import Merging, beginning_of, first_samples
+from stadera.logs.bags.merging import Merging, first_samples
 from stadera.logs.bags.unitree import LowStates
 from stadera.logs.batches import recordings, within
 from stadera.logs.columns import TIME, layout
@@ -56,30 +56,28 @@ class BagLog:
         probe = replace(bag, damage=[])  # damage is reported when the bag is read
         offer = Offer(str(path), self.container.encoding, found, probe.messages)
         choice = choose(offer, log.topics, joints, self.settings)
-        joint_topic, imu_topic = choice.joint, choice.imu
-        chosen = [name for name in (joint_topic, imu_topic) if name is not None]
+        chosen = [name for name in (choice.joint, choice.imu) if name is not None]
         with foreign(path, "definitions of messages"):
             decoders = {name: decoder(found[name], self.container.encoding, joints, self.settings) for name in chosen}
         damaged: Counter[str] = Counter()
         samples = _samples(bag, decoders, damaged, self.settings)
-        head = first_samples(samples, joint_topic, imu_topic, self.settings)
-        if not any(one.topic == joint_topic for one in head):
+        head = first_samples(samples, choice.joint, choice.imu, self.settings)
+        if not any(one.topic == choice.joint for one in head):
             why = "".join(f"; {damage}" for damage in bag.damage[:1])
-            raise RecordingError(f"{path}: no message of topic {joint_topic} can be read{why}")
+            raise RecordingError(f"{path}: no message of topic {choice.joint} can be read{why}")
         asked = None if joints is None else (*joints, *log.reading.others)
         try:
-            start = beginning_of(head, joint_topic, imu_topic, asked)
+            merging = Merging(head, choice, asked, self.settings)
         except RecordingError as error:
             raise RecordingError(f"{path}: {error}") from None
-        if start.imu_fault and "imu" in require:
-            raise RecordingError(f"{path}: topic {imu_topic} cannot be used as IMU: {start.imu_fault}")
-        names = (TIME, *start.columns)
-        table = layout(names, str(path), joints, require, stamped(log.reading))
-        notes = (f"left out the IMU, topic {imu_topic}: {start.imu_fault}",) if start.imu_fault else ()
-        table = replace(table, imu_frame=start.imu_frame, notes=(*choice.notes, *notes, *table.notes))
-        merging = Merging(start, joint_topic, imu_topic, table.recorded, self.settings)
+        if merging.imu_fault and "imu" in require:
+            raise RecordingError(f"{path}: topic {choice.imu} cannot be used as IMU: {merging.imu_fault}")
+        table = layout(merging.columns, str(path), joints, require, stamped(log.reading))
+        notes = (f"left out the IMU, topic {choice.imu}: {merging.imu_fault}",) if merging.imu_fault else ()
+        table = replace(table, imu_frame=merging.imu_frame, notes=(*choice.notes, *notes, *table.notes))
+        merging.choose(table.recorded)
         batches = within(_batches(chain(head, samples), merging, self.settings.batch), bag.budget, rows)
-        notes_of_all = _notes(bag, damaged, merging, joint_topic, decoders[joint_topic])
+        notes_of_all = _notes(bag, damaged, merging, choice.joint, decoders[choice.joint])
         return _with_final_notes(recordings(batches, table, str(path), rows), notes_of_all)
 
 

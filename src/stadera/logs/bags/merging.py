@@ -4,38 +4,17 @@ The first messages determine which publisher provides which columns.
 """
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 
 from stadera.errors import RecordingError
 from stadera.logs.bags.alignment import Alignment, Track
+from stadera.logs.bags.choice import Choice
 from stadera.logs.bags.container import BagSettings, Decoded
-from stadera.logs.bags.decode import IMU_NAMES
+from stadera.logs.bags.decode import IMU_NAMES, Columns, joints_in
 from stadera.logs.columns import TIME
 from stadera.types import Array
-
-Columns = tuple[str, ...]
-
-
-@dataclass(frozen=True, eq=False)
-class Beginning:
-    """The layout of a bag, derived from its first messages. Columns are named as in the flat table."""
-
-    # for each publisher of joints, identified by its samples' columns, the columns that ever have a value. The
-    # publisher whose stamps are used comes first.
-    joints: Mapping[frozenset[str], Columns]
-    imu: Columns | None  # columns of the IMU's own topic; None without a usable one
-    imu_frame: str | None  # frame_id of its messages, None if empty
-    imu_fault: str  # why an existing IMU cannot be used; empty if it can
-    # of the IMU's stamps relative to the joints', from the times of recording [s]; NaN without an IMU
-    clock_offset: float
-
-    @property
-    def columns(self) -> Columns:
-        """Columns of all publishers."""
-        return (*(name for columns in self.joints.values() for name in columns), *(self.imu or ()))
 
 
 def first_samples(
@@ -51,31 +30,6 @@ def first_samples(
         if whole or counts.total() >= settings.most_ahead:
             break
     return tuple(head)
-
-
-def beginning_of(
-    head: Iterable[Decoded], joint_topic: str, imu_topic: str | None, joints: Sequence[str] | None
-) -> Beginning:
-    """Derives the layout for the requested joints (None: all) from the first messages. Raises RecordingError: the
-    publishers contradict each other.
-    """
-    of_joints = [sample for sample in head if sample.topic == joint_topic]
-    of_imu = [sample for sample in head if sample.topic == imu_topic]
-    offset = _delay(of_joints) - _delay(of_imu)
-    fault = _fault(of_imu) if imu_topic is not None else ""
-    usable = bool(of_imu) and not fault
-    return Beginning(
-        joints=_publishers(of_joints, joints, imu=imu_topic is None),
-        imu=_known(of_imu) if usable else None,
-        imu_frame=(of_imu[0].frame or None) if usable else None,
-        imu_fault=fault,
-        clock_offset=offset,
-    )
-
-
-def joints_in(columns: Iterable[str]) -> Columns:
-    """Joints with a position among these columns."""
-    return tuple(name.removesuffix(".position") for name in columns if name.endswith(".position"))
 
 
 def _publishers(
@@ -143,30 +97,50 @@ def _delay(samples: Sequence[Decoded]) -> float:
 
 
 class Merging:
-    """Merges one pass of messages by the layout of the first, of the joints' topic and the IMU's, None if the joints'
-    messages include it, into columns of the flat table, chosen from `start.columns`, time first.
+    """Merges one pass of messages into rows of the flat table, by the layout of the first messages.
+
+    Args:
+        head: the first messages.
+        choice: the topics, of the IMU None if the joints' messages include it.
+        joints: the requested ones; None for all.
 
     Attributes:
+        columns: of all publishers, named as in the flat table.
+        imu_frame: frame_id of the IMU's messages, None if empty.
+        imu_fault: why an existing IMU cannot be used; empty if it can.
         tracks: the streams; the first one's stamps are used.
         strangers: number of messages of the joints' topic that name other joints, which are skipped.
+
+    Raises:
+        RecordingError: the publishers contradict each other.
     """
 
     def __init__(
-        self, start: Beginning, topic: str, imu_topic: str | None, columns: Sequence[str], settings: BagSettings
+        self, head: Sequence[Decoded], choice: Choice, joints: Sequence[str] | None, settings: BagSettings
     ) -> None:
-        self._start, self._topic = start, topic
-        several = len(start.joints) > 1
+        self._topic = topic = choice.joint
+        of_joints = [sample for sample in head if sample.topic == topic]
+        of_imu = [sample for sample in head if sample.topic == choice.imu]
+        self._offset = _delay(of_joints) - _delay(of_imu)  # of the IMU's clock from the joints', by recording [s]
+        self.imu_fault = _fault(of_imu) if choice.imu is not None else ""
+        publishers = _publishers(of_joints, joints, imu=choice.imu is None)
         self._joints = {
-            key: Track(f"{topic} ({joints_in(columns)[0]}, ...)" if several else topic, columns, settings)
-            for key, columns in start.joints.items()
+            key: Track(f"{topic} ({joints_in(columns)[0]}, ...)" if len(publishers) > 1 else topic, columns, settings)
+            for key, columns in publishers.items()
         }
-        self._imu = Track(imu_topic, start.imu, settings) if imu_topic is not None and start.imu is not None else None
+        usable = choice.imu is not None and not self.imu_fault
+        self._imu = Track(str(choice.imu), _known(of_imu), settings) if usable else None
+        self.imu_frame = (of_imu[0].frame or None) if usable else None
         self.tracks = (*self._joints.values(), *([] if self._imu is None else [self._imu]))
+        self.columns = (TIME, *(name for track in self.tracks for name in track.columns))
         self._alignment = Alignment(self.tracks, settings)
         self._track_of: dict[tuple[str, ...], Track | None] = {}
         self.strangers = 0
-        names = (TIME, *start.columns)
-        self._chosen = [names.index(name) for name in columns]
+        self._chosen = list(range(len(self.columns)))
+
+    def choose(self, columns: Sequence[str]) -> None:
+        """Gives rows of these columns, in this order, instead of all."""
+        self._chosen = [self.columns.index(name) for name in columns]
 
     def take(self, samples: Decoded) -> bool:
         """Adds messages' values. Returns True if they belong to one of the streams."""
@@ -212,5 +186,4 @@ class Merging:
                 )
             yield f"{track.name} ({track}) interpolated at the stamps of {reference.name} ({reference})"
         if self._imu is not None:
-            offset = 1e3 * self._start.clock_offset
-            yield f"clock of {self._imu.name} {offset:+.1f} ms off that of {reference.name}"
+            yield f"clock of {self._imu.name} {1e3 * self._offset:+.1f} ms off that of {reference.name}"
