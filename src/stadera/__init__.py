@@ -13,64 +13,34 @@ from typing import TYPE_CHECKING
 from stadera.lazy import lazy_names
 
 if TYPE_CHECKING:
-    from stadera.errors import (
-        ClosedLoopError,
-        IdentificationError,
-        MissingExtraError,
-        ModelError,
-        RecordingError,
-        StaderaError,
-        UnknownNameError,
-        UntrustedError,
-    )
-    from stadera.excite.design import Excitation, ExciteSettings, excite
-    from stadera.identify.legs import identify
-    from stadera.identify.result import Identification
-    from stadera.identify.settings import IdentifySettings
-    from stadera.inertia import InertialParameters
-    from stadera.logs.recording import Imu, Recording
-    from stadera.logs.topics import LogFile
-    from stadera.robot.load import load_robot
-    from stadera.robot.model import Robot
-    from stadera.trunk.estimator import TrunkEstimator
-    from stadera.trunk.load import Payload
-    from stadera.trunk.measurement import Measurement
-    from stadera.trunk.settings import TrunkSettings
-    from stadera.trust import Trust
-    from stadera.weigh.result import Weighing
-    from stadera.weigh.settings import WeighSettings
-    from stadera.weigh.weigh import weigh
-
-__all__ = [
-    "ClosedLoopError",
-    "Excitation",
-    "ExciteSettings",
-    "Identification",
-    "IdentificationError",
-    "IdentifySettings",
-    "Imu",
-    "InertialParameters",
-    "LogFile",
-    "Measurement",
-    "MissingExtraError",
-    "ModelError",
-    "Payload",
-    "Recording",
-    "RecordingError",
-    "Robot",
-    "StaderaError",
-    "TrunkEstimator",
-    "TrunkSettings",
-    "Trust",
-    "UnknownNameError",
-    "UntrustedError",
-    "WeighSettings",
-    "Weighing",
-    "excite",
-    "identify",
-    "load_robot",
-    "weigh",
-]
+    from stadera.errors import ClosedLoopError as ClosedLoopError
+    from stadera.errors import IdentificationError as IdentificationError
+    from stadera.errors import MissingExtraError as MissingExtraError
+    from stadera.errors import ModelError as ModelError
+    from stadera.errors import RecordingError as RecordingError
+    from stadera.errors import StaderaError as StaderaError
+    from stadera.errors import UnknownNameError as UnknownNameError
+    from stadera.errors import UntrustedError as UntrustedError
+    from stadera.excite.design import Excitation as Excitation
+    from stadera.excite.design import ExciteSettings as ExciteSettings
+    from stadera.excite.design import excite as excite
+    from stadera.identify.legs import identify as identify
+    from stadera.identify.result import Identification as Identification
+    from stadera.identify.settings import IdentifySettings as IdentifySettings
+    from stadera.inertia import InertialParameters as InertialParameters
+    from stadera.logs.recording import Imu as Imu
+    from stadera.logs.recording import Recording as Recording
+    from stadera.logs.topics import LogFile as LogFile
+    from stadera.robot.load import load_robot as load_robot
+    from stadera.robot.model import Robot as Robot
+    from stadera.trunk.estimator import TrunkEstimator as TrunkEstimator
+    from stadera.trunk.load import Payload as Payload
+    from stadera.trunk.measurement import Measurement as Measurement
+    from stadera.trunk.settings import TrunkSettings as TrunkSettings
+    from stadera.trust import Trust as Trust
+    from stadera.weigh.result import Weighing as Weighing
+    from stadera.weigh.settings import WeighSettings as WeighSettings
+    from stadera.weigh.weigh import weigh as weigh
 __version__ = "0.1.0"
 
 _HOMES = {
@@ -97,4 +67,4 @@ _HOMES = {
 }
 
 if not TYPE_CHECKING:
-    __getattr__, __dir__ = lazy_names(__name__, _HOMES)
+    __all__, __getattr__, __dir__ = lazy_names(__name__, _HOMES)

@@ -11,9 +11,11 @@ from types import ModuleType
 from typing import Any
 
 
-def lazy_names(package: str, modules: Mapping[str, str]) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
-    """Returns `__getattr__` and `__dir__` (PEP 562) for a package that imports each public name on first use.
-    `modules`: by module of the package, the names that it defines, or its own, with blanks between.
+def lazy_names(
+    package: str, modules: Mapping[str, str]
+) -> tuple[list[str], Callable[[str], Any], Callable[[], list[str]]]:
+    """Returns `__all__`, `__getattr__` and `__dir__` (PEP 562) for a package that imports each public name on first
+    use. `modules`: by module of the package, the names that it defines, or its own, with blanks between.
     """
     homes = {name: f"{package}.{module}" for module, names in modules.items() for name in names.split()}
 
@@ -25,10 +27,8 @@ def lazy_names(package: str, modules: Mapping[str, str]) -> tuple[Callable[[str]
         setattr(sys.modules[package], name, value)
         return value
 
-    def dir_() -> list[str]:
-        return sorted(homes)
-
-    return getattr_, dir_
+    names = sorted(homes)
+    return names, getattr_, lambda: names
 
 
 def make_callable(package: str, home: str) -> None:

@@ -5,12 +5,14 @@ from typing import TYPE_CHECKING
 from stadera.lazy import lazy_names
 
 if TYPE_CHECKING:
-    from stadera.fleet.jobs import FleetOptions, LogJob, jobs_of, read_manifest
-    from stadera.fleet.pool import Pool
-    from stadera.fleet.run import run_fleet
-    from stadera.fleet.table import FleetTable, read_fleet
-
-__all__ = ["FleetOptions", "FleetTable", "LogJob", "Pool", "jobs_of", "read_fleet", "read_manifest", "run_fleet"]
+    from stadera.fleet.jobs import FleetOptions as FleetOptions
+    from stadera.fleet.jobs import LogJob as LogJob
+    from stadera.fleet.jobs import jobs_of as jobs_of
+    from stadera.fleet.jobs import read_manifest as read_manifest
+    from stadera.fleet.pool import Pool as Pool
+    from stadera.fleet.run import run_fleet as run_fleet
+    from stadera.fleet.table import FleetTable as FleetTable
+    from stadera.fleet.table import read_fleet as read_fleet
 
 _HOMES = {
     "jobs": "FleetOptions LogJob jobs_of read_manifest",
@@ -20,4 +22,4 @@ _HOMES = {
 }
 
 if not TYPE_CHECKING:
-    __getattr__, __dir__ = lazy_names(__name__, _HOMES)
+    __all__, __getattr__, __dir__ = lazy_names(__name__, _HOMES)

@@ -5,34 +5,25 @@ from typing import TYPE_CHECKING
 from stadera.lazy import lazy_names
 
 if TYPE_CHECKING:
-    from stadera.logs.filters import smooth_rows, suggest_cutoff
-    from stadera.logs.frames import write_table
-    from stadera.logs.processing import Preprocessing, Processed, preprocess, preprocess_stream
-    from stadera.logs.reader import READERS, as_log, as_logs, read, reader_of, stream
-    from stadera.logs.recording import Imu, Recording, concatenate, take
-    from stadera.logs.topics import LogFile, Topics
-
-__all__ = [
-    "READERS",
-    "Imu",
-    "LogFile",
-    "Preprocessing",
-    "Processed",
-    "Recording",
-    "Topics",
-    "as_log",
-    "as_logs",
-    "concatenate",
-    "preprocess",
-    "preprocess_stream",
-    "read",
-    "reader_of",
-    "smooth_rows",
-    "stream",
-    "suggest_cutoff",
-    "take",
-    "write_table",
-]
+    from stadera.logs.filters import smooth_rows as smooth_rows
+    from stadera.logs.filters import suggest_cutoff as suggest_cutoff
+    from stadera.logs.frames import write_table as write_table
+    from stadera.logs.processing import Preprocessing as Preprocessing
+    from stadera.logs.processing import Processed as Processed
+    from stadera.logs.processing import preprocess as preprocess
+    from stadera.logs.processing import preprocess_stream as preprocess_stream
+    from stadera.logs.reader import READERS as READERS
+    from stadera.logs.reader import as_log as as_log
+    from stadera.logs.reader import as_logs as as_logs
+    from stadera.logs.reader import read as read
+    from stadera.logs.reader import reader_of as reader_of
+    from stadera.logs.reader import stream as stream
+    from stadera.logs.recording import Imu as Imu
+    from stadera.logs.recording import Recording as Recording
+    from stadera.logs.recording import concatenate as concatenate
+    from stadera.logs.recording import take as take
+    from stadera.logs.topics import LogFile as LogFile
+    from stadera.logs.topics import Topics as Topics
 
 _HOMES = {
     "filters": "smooth_rows suggest_cutoff",
@@ -44,4 +35,4 @@ _HOMES = {
 }
 
 if not TYPE_CHECKING:
-    __getattr__, __dir__ = lazy_names(__name__, _HOMES)
+    __all__, __getattr__, __dir__ = lazy_names(__name__, _HOMES)
