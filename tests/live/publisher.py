@@ -19,9 +19,10 @@ import zenoh
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from bags import IMU, JOINT_STATE, TYPES, Sent, imu, joints, low_state
+from stadera.joint_words import matched
 from stadera.live import keys
 from stadera.logs import Recording, read
-from stadera.logs.bags.unitree import motor_names
+from stadera.logs.bags.unitree import MOTORS
 
 LOW_STATE = "unitree_go/msg/LowState"
 
@@ -30,7 +31,7 @@ def messages(log: Recording, kind: str, shift: float, known: slice) -> Iterator[
     """Each sample's time and messages; stamps are later by `shift` [s], joints those of `known`."""
     unit = log.imu
     assert unit is not None
-    motors = [log.joints.index(name) for name in motor_names(log.joints)]
+    motors = [log.joints.index(name) for name in (matched(MOTORS, log.joints) or {}).values()]
     for k, time_ in enumerate(log.time):
         q, dq, tau = (getattr(log, name)[k] for name in ("position", "velocity", "effort"))
         gyro, force = unit.angular_velocity[k], unit.linear_acceleration[k]

@@ -16,11 +16,12 @@ import bags
 from bags import Sent
 from logs_to_play import LOAD
 from stadera import IdentificationError
+from stadera.joint_words import matched
 from stadera.live import LiveSession, LiveState
 from stadera.live.keys import Sent as Attached
 from stadera.live.topics import Arrival
 from stadera.logs import Recording, Topics
-from stadera.logs.bags.unitree import motor_names
+from stadera.logs.bags.unitree import MOTORS
 from stadera.report.live import live_lines
 from stadera.robot import Robot, load_robot
 from stadera.robot.imu import ImuMount
@@ -41,7 +42,7 @@ def lowstate(walk: Recording) -> list[Sent]:
     """LowState of the walk, late by up to 3 ms."""
     unit, rng = walk.imu, np.random.default_rng(0)
     assert unit is not None
-    motors = [walk.joints.index(name) for name in motor_names(walk.joints)]
+    motors = [walk.joints.index(name) for name in (matched(MOTORS, walk.joints) or {}).values()]
     late = np.maximum.accumulate(walk.time + rng.uniform(0.0, 0.003, len(walk)))
     return [
         bags.low_state(

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from bags import imu, joints, low_state, old_low_state, write_folder, write_mcap, write_ros1
 from stadera.errors import RecordingError
 from stadera.logs import LogFile, Recording, Topics, read
-from stadera.logs.bags.unitree import LOW_STATES, MOTORS, TickClock, motor_names
+from stadera.logs.bags.unitree import LOW_STATES, MOTORS, TickClock
 from stadera.robot import load_robot
 
 MS = 1_000_000
@@ -58,27 +58,18 @@ def test_a_humanoids_motors_are_a_g1s_and_parallel_ankles_are_named(tmp_path: Pa
 
 
 @pytest.mark.parametrize(
-    ("joint", "motor"),
+    "leg",
     [
-        ("LF_HAA", "FL_hip_joint"),
-        ("fr_thigh", "FR_thigh_joint"),
-        ("rh_KFE", "RR_calf_joint"),
-        ("hl.kn", "RL_calf_joint"),
+        ("LH_HAA", "LH_HFE", "LH_KFE"),
+        ("rl_hip", "rl_thigh", "rl_calf"),
+        ("hl.hx", "hl.hy", "hl.kn"),
+        ("RL_abad", "RL_hip", "RL_knee"),
     ],
 )
-def test_joints_of_other_names_are_found_by_leg_and_part(joint: str, motor: str) -> None:
-    names = motor_names((joint, "arm_hip_joint", "gripper"))
-    assert names[MOTORS.index(motor)] == joint
-    assert set(names) - {joint} == set(MOTORS) - {motor}
-
-
-def test_a_hip_after_an_abduction_is_the_second_joint() -> None:
-    assert motor_names(("RL_abad", "RL_hip", "RL_knee"))[9:] == ("RL_abad", "RL_hip", "RL_knee")
-
-
-def test_what_is_ambiguous_keeps_unitrees_name() -> None:
-    assert motor_names(("FL_hip_a", "FL_hip_b")) == MOTORS
-    assert motor_names(("FL_hip", "FL_hip_joint")) == MOTORS
+def test_joints_of_other_names_are_found_by_leg_and_part(leg: tuple[str, ...], tmp_path: Path) -> None:
+    log = read(write_mcap(states(), tmp_path / "x.mcap"), joints=leg)
+    assert log.joints == leg
+    np.testing.assert_array_equal(log.position, np.arange(9, 12) + np.arange(50)[:, None])
 
 
 def test_joints_that_are_not_there_are_named(tmp_path: Path) -> None:

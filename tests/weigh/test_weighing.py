@@ -17,7 +17,7 @@ from stadera.inertia import InertialParameters
 from stadera.lab.plant.sensors import STANDARD
 from stadera.logs import LogFile, Recording, write_table
 from stadera.logs.recording import take
-from stadera.logs.tables.arrow import ParquetTable
+from stadera.logs.tables import TableReader
 from stadera.robot import Robot, load_robot
 from stadera.robot.imu import ImuMount
 from stadera.robot.model import Frame
@@ -107,8 +107,8 @@ def test_robot_and_log_in_every_form(tmp_path: Path) -> None:
 
 def test_a_log_is_read_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     passes: list[int] = []
-    once = ParquetTable.stream
-    monkeypatch.setattr(ParquetTable, "stream", lambda *given, **options: passes.append(1) or once(*given, **options))
+    once = TableReader.stream
+    monkeypatch.setattr(TableReader, "stream", lambda *given, **options: passes.append(1) or once(*given, **options))
     path = write_table(before(1.0), tmp_path / "log.parquet")
     weigh(HYQ, path)
     assert passes == [1]

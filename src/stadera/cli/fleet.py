@@ -58,6 +58,28 @@ class FleetLogs:
         return jobs_of(self.logs or (), self.robot, self.tare, legs, self.names, options)
 
 
+@dataclass(frozen=True)
+class FleetFiles:
+    """Options for what is written besides the table."""
+
+    json: opt.JsonFile = None
+    report: opt.ReportFile = None
+    pages: Annotated[
+        Path | None, option("FOLDER", "Write a page of each log; points and rows of the --report open them.")
+    ] = None
+
+    def check(self, *others: Path | None) -> None:
+        """Checks these and other files before the computation, and makes the folder. Raises StaderaError."""
+        from stadera.boundary import foreign
+        from stadera.errors import StaderaError
+
+        check_outputs((*others, self.json, self.report))
+        check_report(self.report)
+        if self.pages is not None:
+            with foreign(self.pages, "no folder can be made there", StaderaError):
+                self.pages.mkdir(parents=True, exist_ok=True)
+
+
 @grouped
 def fleet(
     out: Annotated[Path, option("F.parquet", "The table; logs that it already contains are skipped.")],
@@ -72,11 +94,6 @@ def fleet(
     stiffness: opt.Stiffness = None,
     imu_frame: opt.ImuFrame = None,
     force: opt.Force = False,
-    json: opt.JsonFile = None,
-    report: opt.ReportFile = None,
-    pages: Annotated[
-        Path | None, option("FOLDER", "Write a page of each log; points and rows of the --report open them.")
-    ] = None,
     memory: Annotated[
         Path | None,
         option(
@@ -88,6 +105,7 @@ def fleet(
     ] = 2.0,
     *,
     given: FleetLogs,
+    files: FleetFiles,
     processes: opt.PoolOptions,
     options: opt.LogOptions,
 ) -> None:
@@ -102,32 +120,24 @@ def fleet(
         raise typer.BadParameter("needs --identify", param_hint="--merge")
     springs = None if stiffness is None else parse.point(stiffness)
 
-    from stadera.boundary import foreign
-    from stadera.errors import StaderaError
     from stadera.fleet.jobs import FleetOptions
     from stadera.fleet.run import memory_paths
     from stadera.report.fleet import fleet_tables
 
-    folder = None if pages is None else str(pages.absolute())
+    folder = None if files.pages is None else str(files.pages.absolute())
     shared = FleetOptions(
         identify, method, springs, imu_frame, options.topics, options.reading, force, options.fix, folder
     )
     jobs = given.jobs(shared)
-    files = {} if memory is None else memory_paths(memory, jobs)
-    check_outputs((out, json, report, merge, *files.values()))
-    check_report(report)
-    if pages is not None:
-        with foreign(pages, "no folder can be made there", StaderaError):
-            pages.mkdir(parents=True, exist_ok=True)
+    known = {} if memory is None else memory_paths(memory, jobs)
+    files.check(out, merge, *known.values())
     table = _run(jobs, out, pool, memory)
-    page = text_of(lambda: table.to_html(_links(table, pages, report), _memories(jobs, files)))
-    write_outputs((json, json_of(table.to_dict)), (report, page))
+    page = text_of(lambda: table.to_html(_links(table, files.pages, files.report), _memories(jobs, known)))
+    write_outputs((files.json, json_of(table.to_dict)), (files.report, page))
     if merge is not None:
         _merge(table, jobs, merge)
     show(*fleet_tables(table))
-    if all(row["status"] == "failed" for row in table.rows):  # then the call is probably wrong
-        many = f"all {len(table.rows)} logs failed, the first" if len(table.rows) > 1 else "the only log failed"
-        raise StaderaError(f"{many}: {table.rows[0]['error']}")
+    _require_one(table)
 
 
 def _run(jobs: list[LogJob], out: Path, pool: Pool, memory: Path | None) -> FleetTable:
@@ -140,6 +150,15 @@ def _run(jobs: list[LogJob], out: Path, pool: Pool, memory: Path | None) -> Flee
             return run_fleet(jobs, out, pool, watch, memory=memory)
     except KeyboardInterrupt:
         raise StaderaError(f"broken off; what is done is in {out}, and the same command goes on from there") from None
+
+
+def _require_one(table: FleetTable) -> None:
+    """Raises StaderaError: all logs failed, so that the call is probably wrong."""
+    from stadera.errors import StaderaError
+
+    if all(row["status"] == "failed" for row in table.rows):
+        many = f"all {len(table.rows)} logs failed, the first" if len(table.rows) > 1 else "the only log failed"
+        raise StaderaError(f"{many}: {table.rows[0]['error']}")
 
 
 def _memories(jobs: list[LogJob], files: Mapping[str, Path]) -> dict[str, tuple[Robot, Memory]]:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -28,6 +30,7 @@ from stadera.cli.terminal import progress, show
 if TYPE_CHECKING:
     from stadera.identify.result import Identification
     from stadera.identify.settings import IdentifySettings
+    from stadera.robot import Robot
 
 
 class Solver(StrEnum):
@@ -104,20 +107,13 @@ def identify(
 
     from stadera.identify.legs import identify as identify_legs
     from stadera.report.identify.tables import identification_tables
-    from stadera.robot.export import check_export
-    from stadera.robot.usd import require_usd
 
     model = shape.load(options.robot(robot, logs[0]), options.reading.limits)
     files.check(export, table, memory)
     known = remembered(memory, model)
     if table is not None:
         check_table(table)
-    suffix = "" if export is None else export.suffix.lower()
-    drives, usd = suffix in (".yaml", ".yml"), suffix in (".usd", ".usda")
-    if usd:
-        require_usd()
-    elif export is not None and not drives:
-        check_export(model, export)
+    save_model = _checked_export(model, export)
     training = [options.log(path) for path in logs]
     validation = [options.log(path) for path in validate or ()]
     with progress() as watch:
@@ -126,10 +122,26 @@ def identify(
         )
     _require_trust(result, force)
     drawn = (table, lambda draft: result.save_draws(draft, count))
-    model_file = result.save_actuators if drives else result.save_usd if usd else result.save_urdf
     kept = [] if result.memory is None else [(memory, result.memory.save_json)]
-    files.write_result(result, (export, model_file), drawn, *kept)
+    files.write_result(result, (export, partial(save_model, result)), drawn, *kept)
     show(*identification_tables(result))
+
+
+def _checked_export(robot: Robot, path: Path | None) -> Callable[[Identification, Path], None]:
+    """The method that writes a result as what the path's suffix says. Raises as `check_export` and `require_usd`."""
+    from stadera.identify.result import Identification
+    from stadera.robot.export import check_export
+    from stadera.robot.usd import require_usd
+
+    if path is None:
+        return Identification.save_urdf
+    if path.suffix.lower() in (".yaml", ".yml"):
+        return Identification.save_actuators
+    if path.suffix.lower() in (".usd", ".usda"):
+        require_usd()
+        return Identification.save_usd
+    check_export(robot, path)
+    return Identification.save_urdf
 
 
 def _require_trust(result: Identification, force: bool) -> None:

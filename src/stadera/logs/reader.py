@@ -20,8 +20,8 @@ from stadera.logs.mend import changed, sources_of
 from stadera.logs.recording import Recording, concatenate, take
 from stadera.logs.stamps import with_steps_of_motion, without_repeats
 from stadera.logs.tables import TableReader
-from stadera.logs.tables.arrays import MatTable, NpzTable
-from stadera.logs.tables.arrow import CsvTable, ParquetTable
+from stadera.logs.tables.arrays import MAT, NPZ
+from stadera.logs.tables.arrow import CSV, PARQUET
 from stadera.logs.topics import EXAMPLES, LogFile
 
 Log = str | PathLike[str] | Recording
@@ -35,13 +35,13 @@ content, and the recordings in it.
 
 # The first reader that accepts is used: formats with magic bytes come before those that accept any text.
 READERS: tuple[Reader, ...] = (
-    ParquetTable(),
+    PARQUET,
     BagLog(McapFile()),
     BagLog(SqliteFile()),
     BagLog(Ros1File()),
-    NpzTable(),
-    MatTable(),
-    CsvTable(),
+    NPZ,
+    MAT,
+    CSV,
 )
 
 

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stadera.errors import ClosedLoopError, RecordingError
-from stadera.joint_words import by_place, places
 from stadera.logs.bags.container import BagSettings, Decoded, Message, Topic
 from stadera.logs.bags.decode import IMU_NAMES, joint_columns, published, uncompressed
 
@@ -46,7 +45,7 @@ class LowStates:
         self._words = _byte_places([at[name] for name in (*motors, *imu, *quaternion)], 4)
         self._angles = _byte_places([at[f"motor_state.{k}.q"] for k in range(count)], 4)
         self._tick = _byte_places([at["tick"]], 4)
-        self._columns = (*joint_columns(motor_names(joints, self._names)), *IMU_NAMES)
+        self._columns = (*joint_columns(self._names), *IMU_NAMES)
         self.clock, self.motors = TickClock(settings), 0
 
     def __call__(self, messages: Sequence[Message]) -> list[Decoded]:
@@ -137,13 +136,6 @@ def motors_of(kind: str, joints: Sequence[str] | None) -> tuple[str, ...]:
     """The motors of a kind of message: a G1's if a humanoid sends it, unless another robot's joints are asked for."""
     humanoid = kind == LOW_STATES[1] and (joints is None or not set(joints).isdisjoint(G1_MOTORS))
     return G1_MOTORS if humanoid else MOTORS
-
-
-def motor_names(joints: Sequence[str] | None, motors: tuple[str, ...] = MOTORS) -> tuple[str, ...]:
-    """Names of the motors: among the requested joints those of the same leg and part; else Unitree's own."""
-    asked, own = by_place(joints or ()), places(motors)
-    fitting = {motor: asked.get(own[motor], []) if motor in own else [] for motor in motors}
-    return tuple(motor if motor in names or len(names) != 1 else names[0] for motor, names in fitting.items())
 
 
 def offsets(kind: str, definition: str, *, aligned: bool = True, most: int = 10_000) -> dict[str, int]:

@@ -1,6 +1,5 @@
 """Tables in files: their rows as recordings. CSV and Parquet (`arrow`), NumPy's and MATLAB's arrays (`arrays`)."""
 
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -22,19 +21,14 @@ class OpenTable:
     imu_frame: str | None = None
 
 
-class TableReader(ABC):
+@dataclass(frozen=True)
+class TableReader:
     """Reader of one format of tables, see `stadera.logs.reader.Reader`."""
 
     name: str
     suffixes: tuple[str, ...]
-
-    @abstractmethod
-    def accepts(self, path: Path) -> bool:
-        """True if the content at `path` has this format."""
-
-    @abstractmethod
-    def opened(self, budget: Budget) -> OpenTable:
-        """Reads the header of the budget's file."""
+    accepts: Callable[[Path], bool]  # True if the content at a path has this format
+    opened: Callable[[Budget], OpenTable]  # reads the header of the budget's file
 
     def header(self, path: Path) -> tuple[str, ...]:
         """Names of the columns."""

@@ -57,47 +57,35 @@ def _split(name: str, width: int, joints: Sequence[str]) -> list[str]:
     return [f"{name}.{axis}" for axis in axes] if width == len(axes) else [f"{name}[{k}]" for k in range(width)]
 
 
-class NpzTable(TableReader):
-    """Reads NumPy's .npz, unpacked on disk while it is read, with memory independent of its length."""
-
-    name = "NumPy table"
-    suffixes = (".npz",)
-
-    def accepts(self, path: Path) -> bool:
-        """True for a zip file of arrays."""
-        if not path.is_file() or not zipfile.is_zipfile(path):
-            return False
-        with zipfile.ZipFile(path) as archive:
-            return any(name.endswith(".npy") for name in archive.namelist())
-
-    def opened(self, budget: Budget) -> OpenTable:
-        """See `TableReader`."""
-        columns = _npz_columns(budget)
-
-        def batches(names: tuple[str, ...], rows: int | None) -> Iterator[Array]:
-            return _batches(_npz_arrays({columns[name][0] for name in names}, budget), columns, names, budget.path)
-
-        return OpenTable(tuple(columns), batches)
+def _is_npz(path: Path) -> bool:
+    """True for a zip file of arrays."""
+    if not path.is_file() or not zipfile.is_zipfile(path):
+        return False
+    with zipfile.ZipFile(path) as archive:
+        return any(name.endswith(".npy") for name in archive.namelist())
 
 
-class MatTable(TableReader):
-    """Reads MATLAB's .mat up to version 7, as a whole; fields of structs are named struct.field."""
+def _opened_npz(budget: Budget) -> OpenTable:
+    columns = _npz_columns(budget)
 
-    name = "MATLAB table"
-    suffixes = (".mat",)
+    def batches(names: tuple[str, ...], rows: int | None) -> Iterator[Array]:
+        return _batches(_npz_arrays({columns[name][0] for name in names}, budget), columns, names, budget.path)
 
-    def accepts(self, path: Path) -> bool:
-        """True for a file with the header of MATLAB version 5 to 7."""
-        return begins_with(path, b"MATLAB 5.0")
+    return OpenTable(tuple(columns), batches)
 
-    def opened(self, budget: Budget) -> OpenTable:
-        """See `TableReader`."""
-        arrays = _mat_arrays(budget)
-        joints = [str(joint).strip() for joint in arrays.get(_JOINTS, np.array([])).ravel()]
-        shapes = {name: array.shape for name, array in arrays.items() if array.dtype.kind in _NUMBERS}
-        columns = columns_of_arrays(shapes, joints, budget)
 
-        return OpenTable(tuple(columns), lambda names, rows: _batches(arrays, columns, names, budget.path))
+def _opened_mat(budget: Budget) -> OpenTable:
+    arrays = _mat_arrays(budget)
+    joints = [str(joint).strip() for joint in arrays.get(_JOINTS, np.array([])).ravel()]
+    shapes = {name: array.shape for name, array in arrays.items() if array.dtype.kind in _NUMBERS}
+    columns = columns_of_arrays(shapes, joints, budget)
+    return OpenTable(tuple(columns), lambda names, rows: _batches(arrays, columns, names, budget.path))
+
+
+NPZ = TableReader("NumPy table", (".npz",), _is_npz, _opened_npz)
+"""Unpacked on disk while it is read, with memory independent of its length."""
+MAT = TableReader("MATLAB table", (".mat",), lambda path: begins_with(path, b"MATLAB 5.0"), _opened_mat)
+"""MATLAB's up to version 7, as a whole; fields of structs are named struct.field."""
 
 
 def _batches(

@@ -38,27 +38,21 @@ class Dialect:
     decimal: str = "."
 
 
-class CsvTable(TableReader):
-    """Reads the flat table from CSV, a megabyte at a time."""
+def _is_text(path: Path) -> bool:
+    """True for a file whose beginning, unpacked, is UTF-8 text."""
+    if not path.is_file():
+        return False
+    head = _head(path, 4096)
+    try:
+        head[: head.rfind(b"\n") + 1 or None].decode("utf-8")
+    except UnicodeDecodeError:
+        return False
+    return bool(head) and b"\0" not in head
 
-    name = "CSV table"
-    suffixes = (".csv", ".csv.gz", ".csv.bz2", ".csv.zst")
 
-    def accepts(self, path: Path) -> bool:
-        """True for a file whose beginning, unpacked, is UTF-8 text."""
-        if not path.is_file():
-            return False
-        head = _head(path, 4096)
-        try:
-            head[: head.rfind(b"\n") + 1 or None].decode("utf-8")
-        except UnicodeDecodeError:
-            return False
-        return bool(head) and b"\0" not in head
-
-    def opened(self, budget: Budget) -> OpenTable:
-        """See `TableReader`."""
-        dialect = _dialect(budget.path)
-        return OpenTable(dialect.header, lambda columns, rows: _batches(budget.path, dialect, columns))
+def _opened_csv(budget: Budget) -> OpenTable:
+    dialect = _dialect(budget.path)
+    return OpenTable(dialect.header, lambda columns, rows: _batches(budget.path, dialect, columns))
 
 
 def _head(path: Path, size: int) -> bytes:
@@ -141,30 +135,20 @@ def _explained(text: str, path: Path, dialect: Dialect) -> RecordingError:
     return RecordingError(f"{path}: {_UNREADABLE}: {' '.join(text.split())[:200]}")
 
 
-class ParquetTable(TableReader):
-    """Reads the flat table from Parquet, page by page: memory does not grow with the size of the row groups."""
+def _opened_parquet(budget: Budget) -> OpenTable:
+    from pyarrow import parquet
 
-    name = "Parquet table"
-    suffixes = (".parquet", ".pq")
-
-    def accepts(self, path: Path) -> bool:
-        """A file that begins with Parquet's magic bytes."""
-        return begins_with(path, b"PAR1")
-
-    def opened(self, budget: Budget) -> OpenTable:
-        """See `TableReader`."""
-        from pyarrow import parquet
-
-        with foreign(budget.path, _DAMAGED):
-            schema = parquet.read_schema(budget.path)
-            frame = (schema.metadata or {}).get(IMU_FRAME.encode(), b"").decode()
-        names = tuple(schema.names)
-        return OpenTable(names, lambda found, rows: _parquet_batches(found, rows or MOST_ROWS, budget), frame or None)
+    with foreign(budget.path, _DAMAGED):
+        schema = parquet.read_schema(budget.path)
+        frame = (schema.metadata or {}).get(IMU_FRAME.encode(), b"").decode()
+    names = tuple(schema.names)
+    return OpenTable(names, lambda found, rows: _parquet_batches(found, rows or MOST_ROWS, budget), frame or None)
 
 
 def _parquet_batches(columns: tuple[str, ...], rows: int, budget: Budget) -> Iterator[Array]:
-    """Raises LimitError if row groups are larger than the budget allows. Only their totals are read: Arrow ends the
-    process if a column's statistics, which it reads along with the column's size, contradict its type.
+    """Reads page by page. Raises LimitError if row groups are larger than the budget allows. Only their totals are
+    read: Arrow ends the process if a column's statistics, which it reads along with the column's size, contradict its
+    type.
     """
     from pyarrow import parquet
 
@@ -216,3 +200,9 @@ def _numbers(column: pa.Array, name: str, source: str) -> pa.Array:
     if pa.types.is_boolean(kind):
         column = column.cast(pa.int8())
     return column.cast(pa.float64(), safe=False)
+
+
+CSV = TableReader("CSV table", (".csv", ".csv.gz", ".csv.bz2", ".csv.zst"), _is_text, _opened_csv)
+"""Read a megabyte at a time."""
+PARQUET = TableReader("Parquet table", (".parquet", ".pq"), lambda path: begins_with(path, b"PAR1"), _opened_parquet)
+"""Memory does not grow with the size of the row groups."""
