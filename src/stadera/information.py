@@ -144,11 +144,12 @@ class Information:
             IdentificationError: rows with non-finite values.
         """
         layout = _layout(unknowns)
-        stream = _Stream(layout)
+        kinds, count = _Kinds(), 0
         with one_thread():
             for r in rows:
-                stream.add(r)
-            return _triangular(layout, stream.stacked(), count=float(stream.count))
+                _add(r, kinds)
+                count += len(r)
+            return _triangular(layout, _stacked(kinds, layout), count=float(count))
 
     @classmethod
     def of_posterior(
@@ -236,9 +237,8 @@ class Information:
         if not 0.0 <= factor <= 1.0:
             raise IdentificationError(f"a forgetting factor lies between 0 and 1, got {factor}")
         root = np.sqrt(factor)
-        return Information(
-            self.unknowns, root * self.R, root * self.z, root * self.G, factor * self.cost, factor * self.count
-        )
+        parts = root * self.R, root * self.z, root * self.G, factor * self.cost, factor * self.count
+        return Information(self.unknowns, *parts)
 
     def scaled_noise(self, std: float) -> Information:
         """Returns the information with all rows' noise multiplied by `std`, for rows added before it was known."""
@@ -375,48 +375,43 @@ def _upper(rows: int, columns: int) -> Array:
     return np.triu(np.ones((rows, columns)))
 
 
-class _Stream:
-    """Sums up a stream of rows: one triangle for each kind of rows, updated block by block.
+_Kinds = dict[tuple[tuple[str, ...], int | None], tuple[Array | None, Array, Array]]
+"""By columns and mixing of rows: the mixing, the triangle of those added so far, and room for a block.
 
-    A block goes into the triangle of those before it by the QR of a triangle on top of a rectangle (LAPACK's tpqrt).
-    Rows of one kind share columns and mixing: with H = reduced mixing, the triangle [R z] of [reduced y] stands for
-    [R mixing, z].
+Rows of one kind share columns and mixing: with H = reduced mixing, the triangle [R z] of [reduced y] stands for
+[R mixing, z].
+"""
+
+
+def _add(rows: Rows, kinds: _Kinds) -> None:
+    """Takes rows into the triangle of their kind, block by block, each by the QR of a triangle on top of a rectangle
+    (LAPACK's tpqrt).
     """
+    key, n = (rows.columns, None if rows.mixing is None else id(rows.mixing)), rows.reduced.shape[1]
+    if key not in kinds:
+        kinds[key] = rows.mixing, np.zeros((n + 1, n + 1), order="F"), np.empty((n + 1) * _BLOCK)
+    mixing, triangle, room = kinds[key]
+    weight = np.broadcast_to(1.0 / np.asarray(rows.std), len(rows))
+    panel = n + 1 if n < _PANEL - 1 else _PANEL_OF_BLOCKS
+    for start in range(0, len(rows), _BLOCK):
+        part = slice(start, start + _BLOCK)
+        block = room[: (n + 1) * len(weight[part])].reshape(n + 1, -1)
+        np.multiply(rows.reduced[part].T, weight[part], out=block[:n])
+        np.multiply(rows.target[part], weight[part], out=block[n])
+        triangle, *_ = lapack.dtpqrt(0, panel, triangle, block.T, overwrite_a=True, overwrite_b=True)
+    kinds[key] = mixing, triangle, room
 
-    def __init__(self, unknowns: Unknowns) -> None:
-        self._unknowns = unknowns
-        self.count = 0
-        self._kinds: dict[tuple[tuple[str, ...], int | None], tuple[Array | None, Array, Array]] = {}
 
-    def add(self, rows: Rows) -> None:
-        """Adds rows."""
-        key = rows.columns, None if rows.mixing is None else id(rows.mixing)
-        n = rows.reduced.shape[1]
-        if key not in self._kinds:
-            self._kinds[key] = rows.mixing, np.zeros((n + 1, n + 1), order="F"), np.empty((n + 1) * _BLOCK)
-        mixing, triangle, room = self._kinds[key]
-        weight = np.broadcast_to(1.0 / np.asarray(rows.std), len(rows))
-        for start in range(0, len(rows), _BLOCK):
-            part = slice(start, start + _BLOCK)
-            block = room[: (n + 1) * len(weight[part])].reshape(n + 1, -1)
-            np.multiply(rows.reduced[part].T, weight[part], out=block[:n])
-            np.multiply(rows.target[part], weight[part], out=block[n])
-            panel = n + 1 if n < _PANEL - 1 else _PANEL_OF_BLOCKS
-            triangle, *_ = lapack.dtpqrt(0, panel, triangle, block.T, overwrite_a=True, overwrite_b=True)
-        self._kinds[key] = mixing, triangle, room
-        self.count += len(rows)
-
-    def stacked(self) -> Array:
-        """Rows [H y] that carry the same information as all rows added."""
-        n = len(self._unknowns)
-        blocks = [np.zeros((1, n + 1))]
-        for (columns, _), (mixing, triangle, _) in self._kinds.items():
-            own = np.triu(triangle)
-            spread = np.zeros((len(own), n + 1))
-            spread[:, self._unknowns.index(columns)] = own[:, :-1] if mixing is None else own[:, :-1] @ mixing
-            spread[:, n] = own[:, -1]
-            blocks.append(spread)
-        stacked = np.vstack(blocks)
-        if not np.isfinite(stacked).all():
-            raise IdentificationError("rows hold values that are not finite")
-        return stacked
+def _stacked(kinds: _Kinds, unknowns: Unknowns) -> Array:
+    """Rows [H y] that carry the same information as all rows added."""
+    blocks = [np.zeros((1, len(unknowns) + 1))]
+    for (columns, _), (mixing, triangle, _) in kinds.items():
+        own = np.triu(triangle)
+        spread = np.zeros((len(own), len(unknowns) + 1))
+        spread[:, unknowns.index(columns)] = own[:, :-1] if mixing is None else own[:, :-1] @ mixing
+        spread[:, -1] = own[:, -1]
+        blocks.append(spread)
+    stacked = np.vstack(blocks)
+    if not np.isfinite(stacked).all():
+        raise IdentificationError("rows hold values that are not finite")
+    return stacked
