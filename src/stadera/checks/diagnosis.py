@@ -241,8 +241,8 @@ class Guard:
     def units(self, log: LogFile | Recording) -> tuple[Finding, ...]:
         """Faults of units and signs in a log's first chunk."""
         first = self._first(log)
-        found = () if first is None else unit_findings(first, self.robot)
-        if first is None or found or self.on_feet:
+        found = unit_findings(first, self.robot)
+        if found or self.on_feet:
             return found
         return tuple(limit_findings(first, self.robot, CheckLimits()))
 
@@ -252,8 +252,7 @@ class Guard:
         """
         if not self.on_feet:
             return self.units(log)
-        first = self._first(log)
-        return () if first is None else diagnose(first, self.robot, self.imu_frame)
+        return diagnose(self._first(log), self.robot, self.imu_frame)
 
     def mended(self, log: LogFile | Recording) -> LogFile | Recording:
         """The log with all unambiguous faults corrected, and a note on each; raises as `findings`."""
@@ -277,6 +276,5 @@ class Guard:
             raise UntrustedError(f"{log.source}: {wrong[0]}")
         return log
 
-    def _first(self, log: LogFile | Recording) -> Recording | None:
-        first = next(stream(log, joints=self.joints), None)
-        return first if first is not None and len(first) > 1 else None
+    def _first(self, log: LogFile | Recording) -> Recording:
+        return next(stream(log, joints=self.joints))

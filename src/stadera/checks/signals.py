@@ -265,14 +265,9 @@ def _rests(recording: Recording, name: str, span: tuple[float, float], limits: C
 
 
 def _signals(recording: Recording) -> Iterator[tuple[str, Array]]:
-    for channel in ("position", "velocity", "effort"):
-        values = getattr(recording, channel)
-        if values is not None:
-            yield from ((f"{joint}.{channel}", values[:, i]) for i, joint in enumerate(recording.joints))
-    if recording.imu is not None:
-        for quantity in ("angular_velocity", "linear_acceleration"):
-            rows = getattr(recording.imu, quantity)
-            yield from ((f"imu.{quantity}.{axis}", rows[:, i]) for i, axis in enumerate("xyz"))
+    for name, values in recording.arrays().items():
+        if name in ("position", "velocity", "effort", "imu.angular_velocity", "imu.linear_acceleration"):
+            yield from zip(recording.columns(name), values.T, strict=True)
 
 
 def _longest_repeat(time: Array, values: Array, limits: CheckLimits) -> tuple[float, float] | None:

@@ -84,8 +84,6 @@ def stream(
         RecordingError: immediately if the file does not exist, has an unknown format or lacks a column; during
             iteration if a value is not finite or time does not increase. Names file, column and sample.
     """
-    if rows < 1:
-        raise RecordingError(f"a chunk needs at least one row, got {rows}")
     log = as_log(log)
     if isinstance(log, Recording):
         return _of_table(_chunks(_chosen(log, joints, require), rows))
@@ -97,10 +95,8 @@ def stream(
 
 
 def read_head(log: Log, joints: Sequence[str] | None = None, rows: int = 256) -> Recording:
-    """The first samples of a log, enough for its channels and rate. RecordingError as `stream`, or for an empty log."""
-    for chunk in stream(log, joints=joints, rows=rows):
-        return chunk
-    raise RecordingError(f"{as_log(log).source}: no samples")
+    """The first samples of a log, enough for its channels and rate. RecordingError as `stream`."""
+    return next(stream(log, joints=joints, rows=rows))
 
 
 def read(log: Log, *, joints: Sequence[str] | None = None, require: Collection[str] = ()) -> Recording:

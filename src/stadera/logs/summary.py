@@ -6,7 +6,6 @@ from itertools import chain
 
 import numpy as np
 
-from stadera.errors import RecordingError
 from stadera.logs.recording import Recording
 from stadera.logs.sampling import GAP_FACTOR, HEAD
 from stadera.types import Array
@@ -40,14 +39,10 @@ class LogSummary:
 
 
 def summarize(chunks: Iterable[Recording], most_gaps: int = 1000) -> LogSummary:
-    """Summarises consecutive chunks of one log, such as from `stream` gives; `most_gaps` are listed, all are counted.
-    Raises RecordingError: fewer than two samples.
-    """
+    """Summarises consecutive chunks of one log, as `stream` gives them; `most_gaps` are listed, all are counted."""
     chunks = iter(chunks)
-    head = next(chunks, None)
-    if head is None:
-        raise RecordingError("recording: too few samples: 0")
-    period = float(np.median(np.diff(head.time[:HEAD]))) if len(head) > 1 else float("nan")
+    head = next(chunks)
+    period = float(np.median(np.diff(head.time[:HEAD])))
     last = float(head.time[0]) - period
     extremes: dict[str, tuple[Array, Array]] = {}
     notes: dict[str, None] = {}
@@ -66,8 +61,6 @@ def summarize(chunks: Iterable[Recording], most_gaps: int = 1000) -> LogSummary:
             if name.rpartition(".")[-1] in _UNITS:
                 low, high = extremes.get(name, (values[0], values[0]))
                 extremes[name] = np.minimum(low, values.min(axis=0)), np.maximum(high, values.max(axis=0))
-    if samples < 2:
-        raise RecordingError(f"{head.source}: too few samples: {samples}")
     ranges = [
         (column, float(least), float(most), _UNITS[name.rpartition(".")[-1]])
         for name, (low, high) in extremes.items()

@@ -63,11 +63,7 @@ def resolve(source: str | PathLike[str]) -> tuple[str | None, Path]:
 
 
 def find_file(name: str) -> Path:
-    """The model file of a named robot. UnknownNameError if there is none, MissingExtraError if its package is not
-    installed.
-    """
-    if name not in CATALOG:
-        raise UnknownNameError("robot", name, CATALOG)
+    """The model file of a robot of the catalogue. MissingExtraError: its package is not installed."""
     package, file = CATALOG[name]
     if package is None:
         return Path(str(resources.files("stadera.robot") / "data" / file))

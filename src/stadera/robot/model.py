@@ -35,16 +35,6 @@ class Tree:
     translations: Array  # (n, 3) [m], origin of joint i's frame in its parent link's frame
     axes: Array  # (n, 3), unit vector of joint i's rotation, in its own frame
 
-    def __post_init__(self) -> None:
-        n = len(self.joints)
-        for name, shape in (("rotations", (n, 3, 3)), ("translations", (n, 3)), ("axes", (n, 3))):
-            if getattr(self, name).shape != shape:
-                raise ModelError(f"tree {name} need shape {shape}, got {getattr(self, name).shape}")
-        if len(self.links) != n + 1 or len(self.parents) != n:
-            raise ModelError(f"a tree of {n} joints needs {n + 1} links and {n} parents")
-        if any(not 0 <= p <= i for i, p in enumerate(self.parents)):
-            raise ModelError("tree joints are not in topological order")
-
     def ancestors(self, joint: int) -> tuple[int, ...]:
         """Indices of the joints from the trunk to joint `joint`, inclusive."""
         chain = [joint]
@@ -313,11 +303,8 @@ class Robot:
 
     def leg_tree(self, name: str) -> Tree:
         """The tree of one leg on a held trunk, the same object at each call."""
-        leg = self.leg(name)
-        if leg.name not in self._leg_trees:
-            self._leg_trees[leg.name] = self.tree.restricted(leg.joints)
-        return self._leg_trees[leg.name]
+        return self._leg_trees[self.leg(name).name]
 
     @cached_property
     def _leg_trees(self) -> dict[str, Tree]:
-        return {}
+        return {leg.name: self.tree.restricted(leg.joints) for leg in self.legs}
