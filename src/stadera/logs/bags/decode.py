@@ -192,25 +192,38 @@ def finder(types: Mapping[str, Any], kind: str, depth: int = 2) -> Find | None:
     """Returns the function that finds the joints' states in messages of a type, `depth` nested parts deep, by
     definitions in rosbags' format; None if the layout is not known.
     """
-    fields = dict(types[kind][1]) if kind in types else {}
+    fields = _fields(types, kind)
     found = _arrays(types, fields) or _interfaces(types, fields) or _structs(types, fields)
-    if found or not depth:
-        return found
-    for name, description in fields.items():
-        if (part := _part(description)) and (inner := finder(types, part, depth - 1)):
+    for name, (part, several) in fields.items() if found is None and depth else ():
+        if not several and (inner := finder(types, part, depth - 1)):
             return lambda content, name=name, inner=inner: inner(getattr(content, name))  # type: ignore[misc]
-    return None
+    return found
 
 
-def _arrays(types: Mapping[str, Any], fields: Mapping[str, Any]) -> Find | None:
+_Fields = dict[str, tuple[str, bool]]
+
+
+def _fields(types: Mapping[str, Any], kind: str) -> _Fields:
+    """Fields of a message type: the type of each, or of its elements, and whether it is an array; none of a number."""
+    from rosbags.interfaces import Nodetype
+
+    found: _Fields = {}
+    for name, (node, detail) in types[kind][1] if kind in types else ():
+        several = node in (Nodetype.ARRAY, Nodetype.SEQUENCE)
+        node, detail = detail[0] if several else (node, detail)
+        found[name] = str(detail if node == Nodetype.NAME else detail[0]), several
+    return found
+
+
+def _arrays(types: Mapping[str, Any], fields: _Fields) -> Find | None:
     """Arrays of names and values, the values here or in a part with the measured ones."""
-    names = _first(_NAMES, [name for name in fields if _element(fields[name]) == "string"])
+    names = _first(_NAMES, [name for name, kind in fields.items() if kind == ("string", True)])
     if names is None:
         return None
     for part in ("", *_MEASURED):
-        inside = fields if not part else dict(types[_part(fields[part])][1]) if part in fields else {}
+        inside = fields if not part else _fields(types, fields[part][0]) if part in fields else {}
         given = _channels_of(inside)
-        if "position" not in given or not _element(inside[given["position"]]):
+        if "position" not in given or not inside[given["position"]][1]:
             continue
 
         def find(content: Any, part: str = part, given: Mapping[str, str] = given) -> States:
@@ -221,27 +234,23 @@ def _arrays(types: Mapping[str, Any], fields: Mapping[str, Any]) -> Find | None:
     return None
 
 
-def _interfaces(types: Mapping[str, Any], fields: Mapping[str, Any]) -> Find | None:
+def _interfaces(types: Mapping[str, Any], fields: _Fields) -> Find | None:
     """Names, and for each the names of its interfaces and their values."""
-    part = _element(fields.get("interface_values"))
-    if "joint_names" not in fields or part not in types:
-        return None
-    if {name for name, _ in types[part][1]} < {"interface_names", "values"}:
+    part, _ = fields.get("interface_values", ("", False))
+    if "joint_names" not in fields or not {"interface_names", "values"} <= _fields(types, part).keys():
         return None
 
     def find(content: Any) -> States:
         rows = [dict(zip(v.interface_names, v.values, strict=True)) for v in content.interface_values]
-        joints = [(n, row) for n, row in zip(content.joint_names, rows, strict=True) if "position" in row]
-        return tuple(n for n, _ in joints), {c: np.array([r.get(c, np.nan) for _, r in joints]) for c in CHANNELS}
+        return _of_rows(dict(zip(content.joint_names, rows, strict=True)))
 
     return find
 
 
-def _structs(types: Mapping[str, Any], fields: Mapping[str, Any]) -> Find | None:
+def _structs(types: Mapping[str, Any], fields: _Fields) -> Find | None:
     """An array of parts, each with a name and values, or with a name that states what its one value is."""
-    for field, description in fields.items():
-        part = _element(description)
-        inside = [name for name, _ in types[part][1]] if part in types else []
+    for field, (part, several) in fields.items():
+        inside = _fields(types, part) if several else {}
         names, given = _first(_NAMES, inside), _channels_of(inside)
         if names and "position" in given:
 
@@ -251,7 +260,7 @@ def _structs(types: Mapping[str, Any], fields: Mapping[str, Any]) -> Find | None
                 return joints, {c: np.array([getattr(part, w) for part in parts]) for c, w in given.items()}
 
             return find
-        if set(inside) == {"name", "value"}:
+        if inside.keys() == {"name", "value"}:
             return lambda content, field=field: _named(getattr(content, field))  # type: ignore[misc]
     return None
 
@@ -264,6 +273,11 @@ def _named(numbers: Any) -> States:
             channel = next((c for c in CHANNELS if match["word"] in _WORDS[c]), None)
             if channel:
                 found.setdefault(match["joint"], {})[channel] = float(number.value)
+    return _of_rows(found)
+
+
+def _of_rows(found: Mapping[str, Mapping[str, float]]) -> States:
+    """States of the joints that have a position, by joint and channel."""
     joints = {joint: row for joint, row in found.items() if "position" in row}
     return tuple(joints), {c: np.array([row.get(c, np.nan) for row in joints.values()]) for c in CHANNELS}
 
@@ -276,21 +290,3 @@ def _channels_of(fields: Any) -> dict[str, str]:
     """By channel, the field with its values, of those that there are."""
     words = {channel: _first(_WORDS[channel], fields) for channel in CHANNELS}
     return {channel: word for channel, word in words.items() if word is not None}
-
-
-def _part(description: Any) -> str:
-    """The type of a field that is one message; empty for others."""
-    from rosbags.interfaces import Nodetype
-
-    node, detail = description
-    return str(detail) if node == Nodetype.NAME else ""
-
-
-def _element(description: Any) -> str:
-    """The type of an array's elements; empty for fields that are no arrays."""
-    from rosbags.interfaces import Nodetype
-
-    if description is None or description[0] not in (Nodetype.ARRAY, Nodetype.SEQUENCE):
-        return ""
-    node, detail = description[1][0]
-    return str(detail if node == Nodetype.NAME else detail[0])
