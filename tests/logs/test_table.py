@@ -16,7 +16,6 @@ from pyarrow import parquet
 
 from stadera.errors import RecordingError, StaderaError, UnknownNameError
 from stadera.logs import Imu, Recording, read, stream, write_table
-from stadera.logs.units import LARGEST
 
 HEADER = "time,LF_HAA.position,LF_HAA.velocity,LF_HAA.effort"
 
@@ -27,7 +26,7 @@ def csv_of(folder: Path, *rows: str, header: str = HEADER) -> Path:
     return path
 
 
-finite = st.floats(-min(LARGEST.values()), min(LARGEST.values()), allow_subnormal=True)
+finite = st.floats(-1e3, 1e3, allow_subnormal=True)
 
 
 @st.composite

@@ -8,18 +8,8 @@ import numpy as np
 
 from stadera.logs.recording import Recording
 from stadera.logs.sampling import GAP_FACTOR, HEAD
+from stadera.logs.units import RECORDED
 from stadera.types import Array
-
-_UNITS = {
-    "position": "rad",
-    "velocity": "rad/s",
-    "acceleration": "rad/s²",
-    "effort": "N·m",
-    "angular_velocity": "rad/s",
-    "linear_acceleration": "m/s²",
-    "orientation": "",
-    "force": "N",
-}
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,11 +48,11 @@ def summarize(chunks: Iterable[Recording], most_gaps: int = 1000) -> LogSummary:
         uneven += int(np.count_nonzero(np.abs(step - period) > 0.1 * period))
         samples, last = samples + len(chunk), float(chunk.time[-1])
         for name, values in chunk.arrays().items():
-            if name.rpartition(".")[-1] in _UNITS:
+            if name.rpartition(".")[-1] in RECORDED:
                 low, high = extremes.get(name, (values[0], values[0]))
                 extremes[name] = np.minimum(low, values.min(axis=0)), np.maximum(high, values.max(axis=0))
     ranges = [
-        (column, float(least), float(most), _UNITS[name.rpartition(".")[-1]])
+        (column, float(least), float(most), RECORDED[name.rpartition(".")[-1]][0])
         for name, (low, high) in extremes.items()
         for column, least, most in zip(head.columns(name), low, high, strict=True)
     ]

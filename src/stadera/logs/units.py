@@ -25,17 +25,17 @@ FACTORS: dict[str, dict[str, float]] = {
     "force": {"N": 1.0, "kN": 1e3},
 }
 """By quantity, the factor of each unit to the first one, the SI unit. g is the standard acceleration of free fall."""
-LARGEST: dict[str, float] = {
-    "position": 1e5,
-    "velocity": 1e4,
-    "acceleration": 1e7,
-    "effort": 1e6,
-    "angular_velocity": 1e4,
-    "linear_acceleration": 1e6,
-    "orientation": 1e3,
-    "force": 1e7,
+RECORDED: dict[str, tuple[str, float]] = {
+    "position": ("rad", 1e5),
+    "velocity": ("rad/s", 1e4),
+    "acceleration": ("rad/s²", 1e7),
+    "effort": ("N·m", 1e6),
+    "angular_velocity": ("rad/s", 1e4),
+    "linear_acceleration": ("m/s²", 1e6),
+    "orientation": ("", 1e3),
+    "force": ("N", 1e7),
 }
-"""By quantity, the largest plausible value in SI units, far above any sensor's range and far below overflow: drives
+"""By quantity, its SI unit and the largest plausible value, far above any sensor's range and far below overflow: drives
 reach 50 rad/s and 500 N·m, MEMS sensors 70 rad/s and 2000 m/s². A position may include thousands of turns, and a
 quaternion need not be normalised.
 """
@@ -126,4 +126,4 @@ def _quantities_of(unit: str) -> list[str]:
 def largest_of(column: str) -> float:
     """Largest plausible value of a column of the flat table: `<joint>.<quantity>`, `imu.<quantity>.<axis>`; time..."""
     parts = column.split(".")
-    return next((LARGEST[part] for part in reversed(parts[-2:]) if part in LARGEST), 1e15)
+    return next((RECORDED[part][1] for part in reversed(parts[-2:]) if part in RECORDED), 1e15)
