@@ -58,10 +58,10 @@ def test_nothing_is_found_in_a_clean_log(hyq: Robot, trot: Recording, shake: Rec
 )
 def test_a_fault_has_channel_joint_and_time(hyq: Robot, trot: Recording, name: str, channel: str, words: str) -> None:
     found = window_faults(spoilt(trot, hyq, name), hyq)
-    first = next(fault for fault in found if fault.channel == channel)
-    assert words in first.message()
-    assert first.message().endswith(" s")
-    assert any(joint in first.what for joint in hyq.tree.joints)
+    first = next(fault for fault in found if fault.cause == channel)
+    assert words in first.said()
+    assert first.said().endswith(" s")
+    assert any(joint in first.message for joint in hyq.tree.joints)
 
 
 @pytest.mark.parametrize(
@@ -133,7 +133,7 @@ def test_a_drive_at_its_own_limit_is_not_clipped(hyq: Robot, trot: Recording) ->
     most = float(0.8 * np.abs(trot.effort[:, 2]).max())
     log = replace(trot, effort=np.clip(trot.effort, -most, most))
     weak = replace(hyq, limits={**hyq.limits, joint: replace(hyq.limits[joint], effort=most)})
-    named = [fault.what for fault in window_faults(log, weak) if "clipped" in fault.evidence]
+    named = [fault.message for fault in window_faults(log, weak) if "clipped" in fault.message]
     assert not any(joint in what for what in named)
 
 

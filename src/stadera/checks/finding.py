@@ -26,13 +26,17 @@ FATAL = (
 class Finding:
     """A fault of a log."""
 
-    # one word: one of FATAL, or dropout, stuck, orientation, pushing, torque_step, not_on_feet, contradiction
+    # one word: one of FATAL, or dropout, orientation, pushing, torque_step, not_on_feet, contradiction; or stuck,
+    # velocity, position, effort, of part of a log
     cause: str
     message: str  # the fault and the evidence for it, one sentence
     # command-line option that corrects it, such as "--units deg"; empty if there is none besides `--fix`
     option: str = ""
     mend: Mend | None = None  # correction applied by `--fix`; None if there is none
-    span: tuple[float, float] | None = None  # begin and end of the part of the log that has it [s]; None for all of it
+    spans: tuple[
+        tuple[float, float], ...
+    ] = ()  # begin and end of each part of the log that has it [s]; none: all of it
+    lasting: bool = False  # True if it affects everything after it, by a change of geometry that error bars cover
 
     @property
     def fatal(self) -> bool:
@@ -46,6 +50,14 @@ class Finding:
         if self.mend is not None:
             options.append("--fix")
         return f"; add {' or '.join(options)}" if options else ""
+
+    def said(self, since: float = 0.0) -> str:
+        """The message with the times, in seconds since the log's beginning [s], and the remedy."""
+        when = ""
+        if self.spans:
+            begin, end = self.spans[0][0] - since, self.spans[-1][1] - since
+            when = f", {'from' if len(self.spans) > 1 else 'at'} {begin:.2f} to {end:.2f} s"
+        return f"{self.message}{when}{self.remedy}"
 
     def __str__(self) -> str:
         return f"{self.message}{self.remedy}"

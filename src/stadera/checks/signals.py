@@ -239,14 +239,10 @@ def sensor_findings(recording: Recording, limits: CheckLimits) -> Iterator[Findi
         span = _longest_repeat(recording.time, values, limits)
         if span is not None and not _rests(recording, name, span, limits):
             groups.setdefault(span, []).append(repr(name))
-    for (begin, end), names in groups.items():
-        first, s = float(recording.time[0]), "s" * (len(names) == 1)
-        yield Finding(
-            "stuck",
-            f"{listed(names, 4)} stand{s} still bit for bit from {begin - first:.3f} to {end - first:.3f} s, and "
-            f"change{s} with every sample elsewhere: a sensor that dropped out",
-            span=(begin, end),
-        )
+    for span, names in groups.items():
+        s = "s" * (len(names) == 1)
+        text = f"{listed(names, 4)} stand{s} still bit for bit, and change{s} with every sample elsewhere"
+        yield Finding("stuck", f"{text}: a sensor that dropped out", spans=(span,))
 
 
 def _rests(recording: Recording, name: str, span: tuple[float, float], limits: CheckLimits) -> bool:

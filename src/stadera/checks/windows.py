@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stadera.body import Body, Motion
+from stadera.checks.finding import Finding
 from stadera.checks.limits import WindowLimits
 from stadera.constants import GRAVITY, MEDIAN_OF_CHI2
 from stadera.logs.recording import Recording
@@ -28,24 +29,6 @@ from stadera.trust import Verdict
 from stadera.types import Array, Bools
 
 _UNLIKE, _SCALED = "is not the change of its position", "is {:.2g} times the change of its position"
-
-
-@dataclass(frozen=True)
-class WindowFault:
-    """A fault in part of a log."""
-
-    channel: str  # velocity, position or effort
-    what: str  # joint
-    evidence: str  # description of the fault, a clause that continues `what`
-    # (k, 2) begin and end of the affected windows [s], each as a pair, in order
-    windows: tuple[tuple[float, float], ...]
-    lasting: bool = False  # True if it affects everything after it, by a change of geometry that error bars cover
-
-    def message(self, since: float = 0.0) -> str:
-        """One clause with location, description and time, in seconds since the log's beginning [s]."""
-        begin, end, count = self.windows[0][0] - since, self.windows[-1][1] - since, len(self.windows)
-        when = f"from {begin:.2f} to {end:.2f} s" if count > 1 else f"at {begin:.2f} to {end:.2f} s"
-        return f"{self.what} {self.evidence}, {when}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +63,7 @@ class Windows:
         return tuple((float(self.edges[k]), float(self.edges[k + 1])) for k in np.flatnonzero(chosen))
 
 
-def window_faults(recording: Recording, robot: Robot, limits: WindowLimits | None = None) -> tuple[WindowFault, ...]:
+def window_faults(recording: Recording, robot: Robot, limits: WindowLimits | None = None) -> tuple[Finding, ...]:
     """Finds contradictions between the signals of each joint of a log with all of the robot's joints, window by window.
     Velocities as measured, None if they were not.
     """
@@ -88,11 +71,11 @@ def window_faults(recording: Recording, robot: Robot, limits: WindowLimits | Non
     if len(recording) < limits.fewest:
         return ()
     windows, joints = Windows.of(recording.time, limits.length), robot.tree.joints
-    found: list[WindowFault] = []
+    found: list[Finding] = []
     if recording.velocity is not None:
         for k in range(0, len(joints), limits.at_once):
             found += _velocity(recording, joints[k : k + limits.at_once], windows, limits)
-        found.sort(key=lambda fault: fault.channel != "position")
+        found.sort(key=lambda fault: fault.cause != "position")
     if recording.effort is not None:
         effort = recording.channel("effort", joints)
         for check in (_beyond, _clipped):
@@ -103,15 +86,15 @@ def window_faults(recording: Recording, robot: Robot, limits: WindowLimits | Non
 
 
 def with_verdicts(
-    faults: Sequence[WindowFault], duration: float, limits: WindowLimits
-) -> Iterator[tuple[WindowFault, Verdict | None]]:
-    """Yields each fault with its verdict on the log; None if its windows are skipped instead.
+    faults: Sequence[Finding], duration: float, limits: WindowLimits
+) -> Iterator[tuple[Finding, Verdict | None]]:
+    """Yields each fault of parts of a log with its verdict on the log; None if these are skipped instead.
 
-    Windows are skipped as long as all skipped ones cover a small part of the log [s].
+    They are skipped as long as all skipped ones cover a small part of the log [s].
     """
     out: set[tuple[float, float]] = set()
-    for fault in sorted(faults, key=lambda fault: len(fault.windows)):
-        with_it = out | set(fault.windows)
+    for fault in sorted(faults, key=lambda fault: len(fault.spans)):
+        with_it = out | set(fault.spans)
         if fault.lasting:
             yield fault, "doubtful"
         elif sum(end - begin for begin, end in with_it) <= limits.left_out * duration:
@@ -123,7 +106,7 @@ def with_verdicts(
 
 def _velocity(
     recording: Recording, joints: tuple[str, ...], windows: Windows, limits: WindowLimits
-) -> Iterator[WindowFault]:
+) -> Iterator[Finding]:
     time, q = recording.time, recording.channel("position", joints)
     step = np.diff(time)[:, None]
     v = recording.channel("velocity", joints)
@@ -153,7 +136,7 @@ def _velocity(
             chosen = moving[:, j] & wrong[:, j]
             if chosen.any():
                 text = said.format(float(np.median(gain[chosen, j])))
-                yield WindowFault("velocity", f"the velocity of {joint!r}", text, windows.spans(chosen))
+                yield Finding("velocity", f"the velocity of {joint!r} {text}", spans=windows.spans(chosen))
 
 
 def _white(values: Array, limits: WindowLimits) -> Array:
@@ -170,9 +153,7 @@ def _usual(values: Array, limits: WindowLimits) -> Array:
     return np.asarray(np.median(values, axis=0))
 
 
-def _jumps(
-    apart: Array, way: Array, time: Array, joints: tuple[str, ...], limits: WindowLimits
-) -> Iterator[WindowFault]:
+def _jumps(apart: Array, way: Array, time: Array, joints: tuple[str, ...], limits: WindowLimits) -> Iterator[Finding]:
     """Yields steps of the position that the velocity lacks, except spikes, whose end reverses their beginning: of
     `apart` (samples, n), position minus ∫ q̇ dt [rad], with steps `way` of the latter (samples - 1, n).
     """
@@ -186,12 +167,12 @@ def _jumps(
             before, later = max(k - limits.undone, 0), min(k + 1 + limits.undone, len(apart) - 1)
             size, rest = float(step[k, j]), float(apart[later, j] - apart[before, j])
             if limits.kept < rest / size < 1.0 / limits.kept:
-                where, at = f"the position of {joint!r}", float(time[k])
-                yield WindowFault("position", where, f"jumps by {rest:.2g} rad", ((at, at),), lasting=True)
+                text, at = f"the position of {joint!r} jumps by {rest:.2g} rad", float(time[k])
+                yield Finding("position", text, spans=((at, at),), lasting=True)
                 break
 
 
-def _beyond(effort: Array, robot: Robot, windows: Windows, limits: WindowLimits) -> Iterator[WindowFault]:
+def _beyond(effort: Array, robot: Robot, windows: Windows, limits: WindowLimits) -> Iterator[Finding]:
     strongest = limits.weights * robot.mass * GRAVITY * robot.leg_length
     for j, joint in enumerate(robot.tree.joints):
         most = min(limits.beyond * robot.limits[joint].effort, strongest)
@@ -200,10 +181,10 @@ def _beyond(effort: Array, robot: Robot, windows: Windows, limits: WindowLimits)
             chosen = np.bincount(windows.of_sample[wild], minlength=len(windows)) > 0
             peak = float(np.abs(effort[:, j]).max())
             text = f"is up to {peak:.3g} N·m in {np.count_nonzero(wild)} samples, more than any drive of it gives"
-            yield WindowFault("effort", f"the torque of {joint!r}", text, windows.spans(chosen))
+            yield Finding("effort", f"the torque of {joint!r} {text}", spans=windows.spans(chosen))
 
 
-def _clipped(effort: Array, robot: Robot, windows: Windows, limits: WindowLimits) -> Iterator[WindowFault]:
+def _clipped(effort: Array, robot: Robot, windows: Windows, limits: WindowLimits) -> Iterator[Finding]:
     for j, joint in enumerate(robot.tree.joints):
         values = effort[:, j]
         for end in (values.max(), values.min()):
@@ -220,7 +201,7 @@ def _clipped(effort: Array, robot: Robot, windows: Windows, limits: WindowLimits
             if lively and crowded and (at[1:] & at[:-1]).any():
                 chosen = np.bincount(windows.of_sample[at], minlength=len(windows)) > 0
                 text = f"stands at its largest value, {float(end):.3g} N·m, in {at.sum()} samples: it is clipped"
-                yield WindowFault("effort", f"the torque of {joint!r}", text, windows.spans(chosen))
+                yield Finding("effort", f"the torque of {joint!r} {text}", spans=windows.spans(chosen))
                 break
 
 
@@ -244,7 +225,7 @@ def _holding(recording: Recording, robot: Robot) -> Array:
     return out
 
 
-def _noise(effort: Array, robot: Robot, windows: Windows, limits: WindowLimits, tested: Bools) -> Iterator[WindowFault]:
+def _noise(effort: Array, robot: Robot, windows: Windows, limits: WindowLimits, tested: Bools) -> Iterator[Finding]:
     """Detects noise by the correlation ρ = 1 - Σ (τ_k+1 - τ_k)² / 2 Σ (τ_k - τ̄)² of successive means over `averaged`,
     about a mean of zero: a joint that rests holds something, and one that carries little does so for longer. `tested`
     (n,): joints that are not idle.
@@ -266,4 +247,4 @@ def _noise(effort: Array, robot: Robot, windows: Windows, limits: WindowLimits, 
         chosen = (correlation[:, j] < limits.white) & (others > limits.coloured) & (count[:, 0] > limits.fewest)
         chosen &= holds[:, j] < limits.holds
         if np.count_nonzero(chosen) > min(1, len(windows) - 1):  # a joint may be idle for a moment
-            yield WindowFault("effort", f"the torque of {joint!r}", "is only noise", windows.spans(chosen))
+            yield Finding("effort", f"the torque of {joint!r} is only noise", spans=windows.spans(chosen))

@@ -75,7 +75,8 @@ class StreamGuard:
         refused = [finding for finding in found if finding.cause in _REFUSED]
         before, self.wrong = self.wrong, f"samples that can be weighed: {_said(refused[0])}" if refused else ""
         self._done = not refused
-        return tuple(str(finding) for finding in found if finding not in refused), bool(refused or before)
+        since = float(parts[0].time[0])
+        return tuple(finding.said(since) for finding in found if finding not in refused), bool(refused or before)
 
 
 def _said(finding: Finding) -> str:

@@ -74,11 +74,11 @@ def log_contents(
     yield from notes(summary.notes)
     if inspection is not None:
         yield from notes(inspection.notes)
-        yield from _verdict(inspection)
+        yield from _verdict(inspection, float(summary.head.time[0]))
 
 
-def _verdict(inspection: Inspection) -> Iterator[Text]:
-    yield from (Text(f"{f.cause.replace('_', ' ')}: {f}", style="bold red") for f in inspection.findings)
+def _verdict(inspection: Inspection, begin: float) -> Iterator[Text]:
+    yield from (Text(f"{f.cause.replace('_', ' ')}: {f.said(begin)}", style="bold red") for f in inspection.findings)
     trust = inspection.trust
     if inspection.refusal and not any(f.message in inspection.refusal for f in inspection.findings):
         yield Text(f"weigh refuses it: {inspection.refusal}", style="bold red")

@@ -15,7 +15,7 @@ from itertools import chain
 import numpy as np
 
 from stadera.checks import FATAL, Finding, contradictions, diagnose
-from stadera.checks.windows import WindowFault, window_faults, with_verdicts
+from stadera.checks.windows import window_faults, with_verdicts
 from stadera.errors import RecordingError, UntrustedError
 from stadera.logs import Recording, stream, take
 from stadera.logs.recording import OtherJoints, with_velocity
@@ -30,7 +30,6 @@ _UNITS = ("time_unit", "position_unit", "velocity_unit", "velocity_order", "gyro
 _VERDICTS: dict[str, Verdict] = {
     "contradiction": "bad",
     "not_on_feet": "bad",
-    "stuck": "bad",
     "torque_step": "doubtful",
     "pushing": "doubtful",
 }
@@ -108,7 +107,7 @@ class CheckedLog:
             if self.event is not None:
                 self.event = replace(self.event, end=self.end)
             elif findings := diagnose(checked, self._robot, self.imu_frame):
-                self._found(findings, checked, limits.left_out * duration)
+                self._found(findings, checked, duration)
             else:
                 self._sound = True
             used = self._used(checked.time)
@@ -124,29 +123,27 @@ class CheckedLog:
             used &= time > self.before.end
         return used if self.event is None else used & (time < self.event.begin)
 
-    def _skip(self, faults: Sequence[WindowFault], duration: float) -> None:
-        """Leaves out the windows of faults that are short, and doubts the log for the others."""
+    def _skip(self, faults: Sequence[Finding], duration: float) -> None:
+        """Leaves out the parts with faults that are short, and doubts the log for the others."""
         for fault, verdict in with_verdicts(faults, duration, self._settings.windows):
             if verdict is not None:
-                self.doubts[verdict, fault.message(self.begin)] = None
+                self.doubts[verdict, fault.said(self.begin)] = None
                 continue
-            self.notes[f"left out: {fault.message(self.begin)}"] = None
-            parts = [Refusal(begin, end, f"{fault.what} {fault.evidence}") for begin, end in fault.windows]
+            self.notes[f"left out: {fault.said(self.begin)}"] = None
+            parts = [Refusal(begin, end, fault.message) for begin, end in fault.spans]
             self.left_out += [part for part in parts if part.begin not in [known.begin for known in self.left_out]]
 
-    def _found(self, findings: Sequence[Finding], chunk: Recording, most: float) -> None:
-        """Decides what the findings on a chunk mean; those of at most so long [s] are left out."""
+    def _found(self, findings: Sequence[Finding], chunk: Recording, duration: float) -> None:
+        """Decides what the findings on a chunk of this duration [s] mean."""
         wrong = any(f.cause in (*FATAL, "contradiction", "not_on_feet") for f in findings)
         units = chunk.time[0] == self.begin and any(f.cause in _UNITS for f in findings)
         if wrong and not units and self._on_feet(chunk):
             self._sound = True
             return
         self._sound = self._sound or not wrong
+        self._skip([finding for finding in findings if finding.spans], duration)
         for finding in findings:
-            if finding.span is not None and finding.span[1] - finding.span[0] <= most:
-                self.notes[f"left out: {finding}"] = None
-                self.left_out.append(Refusal(*finding.span, finding.message))
-            else:
+            if not finding.spans:
                 self._note(finding)
 
     def _note(self, finding: Finding) -> None:
