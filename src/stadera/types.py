@@ -1,6 +1,6 @@
 """Type aliases used throughout the package."""
 
-from collections.abc import Callable
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,5 +11,8 @@ Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 """An array of truth values."""
 
-Progress = Callable[[str, int, int], None]
-"""Called with the name of the step, the number of items done, and their total (0 if unknown)."""
+
+class Progress(Protocol):
+    """Called with the name of the step, the number of items done, their total (0 if unknown), and a detail."""
+
+    def __call__(self, what: str, done: int, total: int, detail: str = "") -> None: ...

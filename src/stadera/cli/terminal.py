@@ -7,16 +7,12 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol, TextIO
+from typing import TYPE_CHECKING, TextIO
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
-
-class Progress(Protocol):
-    """Called with the name of the step, the number of items done, and their total (0 if unknown)."""
-
-    def __call__(self, what: str, done: int, total: int, detail: str = "") -> None: ...
+    from stadera.types import Progress
 
 
 def show(*renderables: RenderableType) -> None:
