@@ -73,7 +73,7 @@ def contradictions(recording: Recording, robot: Robot, imu_frame: str | None = N
     """
     limits = CheckLimits()
     blocks = Instants.of(recording, robot.tree.joints, _mount(recording, robot, imu_frame), limits)
-    return tuple(Consistency.of(Footing(robot, blocks, limits)).faults()) if len(blocks) else ()
+    return Consistency.of(Footing(robot, blocks, limits)).faults if len(blocks) else ()
 
 
 def _mount(recording: Recording, robot: Robot, imu_frame: str | None) -> ImuMount | None:
@@ -82,7 +82,7 @@ def _mount(recording: Recording, robot: Robot, imu_frame: str | None) -> ImuMoun
 
 def _contradictions(footing: Footing, mount: ImuMount | None) -> Iterator[Finding]:
     now = Consistency.of(footing)
-    faults = listed([*now.faults()], 3)
+    faults, imu = listed(now.faults, 3), footing.blocks.specific_force is not None
     if now.hangs:
         yield hanging(footing, now)
     elif not faults:
@@ -91,7 +91,7 @@ def _contradictions(footing: Footing, mount: ImuMount | None) -> Iterator[Findin
         fits = f"it would weigh {without.weighs:.3g} kg, the model {footing.robot.mass:.3g} kg, and nothing contradicts"
         yield _named([one for one, _ in fitting], f"as recorded, {faults}; otherwise {fits}", mount)
     else:
-        who = "encoders, torques and IMU" if now.imu else "encoders and torques"
+        who = "encoders, torques and IMU" if imu else "encoders and torques"
         yield Finding("contradiction", f"{who} contradict each other: {faults}{now.outlier}")
 
 
@@ -113,10 +113,10 @@ def explained(footing: Footing) -> list[tuple[Hypothesis, Consistency]]:
     robot, limits = footing.robot, footing.limits
     footing = replace(footing, blocks=footing.blocks.thinned(limits.trial_instants, limits))
     now = Consistency.of(footing)
-    scales = torque_scales(robot, now.loads / now.weight, limits.lightest, limits.heaviest)
-    all_of_them = chain(hypotheses_at_rest(robot, limits.orders, imu=now.imu), scales)
+    scales = torque_scales(robot, now.loads / footing.weight, limits.lightest, limits.heaviest)
+    all_of_them = chain(hypotheses_at_rest(robot, limits.orders, imu=footing.blocks.specific_force is not None), scales)
     tried = ((one, Consistency.of(footing.after(one.undo))) for one in all_of_them)
-    fitting = [(one, fit) for one, fit in tried if fit.cost <= limits.much_better * now.cost and not any(fit.faults())]
+    fitting = [(one, fit) for one, fit in tried if fit.cost <= limits.much_better * now.cost and not fit.faults]
     if not fitting:
         return []
     least = min(fit.cost for _, fit in fitting)
@@ -143,7 +143,7 @@ def explained_by_motion(footing: Footing) -> list[tuple[Hypothesis, Gain, Footin
         if most - float(np.nansum(without.unbalance)) < needed * used:  # as feet that do not slide at all
             continue
         gain = Gain.of(footing, without)
-        if gain.confirms(needed, limits) and not any(Consistency.of(without).faults()):
+        if gain.confirms(needed, limits) and not Consistency.of(without).faults:
             fitting.append((one, gain, without))
     fitting.sort(key=lambda entry: -entry[1].mean)
     return [*fitting[:1], *(entry for entry in fitting[1:3] if entry[1].mean > limits.alike * fitting[0][1].mean)]

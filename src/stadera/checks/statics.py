@@ -3,21 +3,21 @@
 Three independent sources give the vertical in trunk axes: the accelerometer, along â; the contact forces from the joint
 torques, Σ f = m a on average; and the plane through three feet or more from the encoders, up to the ground's slope. The
 forces also give the weight, Σ f · â / |a|, the load of each leg, and by their moment the centre of mass. Without an
-IMU two sources remain, and â is along the forces themselves. `Consistency` holds these figures, its `faults` are the
-impossible ones, and its `cost` measures how unlikely they are together.
+IMU two sources remain, and â is along the forces themselves. Of these figures `Consistency` has the impossible ones as
+`faults`, and how unlikely they are together as `cost`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stadera.body import Motion
 from stadera.checks.finding import Finding
-from stadera.checks.limits import CheckLimits
 from stadera.checks.residual import Footing, body_of, unit
 from stadera.constants import GRAVITY
 from stadera.robot.model import Robot
@@ -33,10 +33,6 @@ class Tilts:
     size: float = 0.0  # from the IMU [rad]
     similarity: float = 1.0  # of the two: 1 the same, 0 unrelated, -1 opposite
     turned: float = 1.0  # the largest similarity after rotating the plane by a multiple of 90° or mirroring it
-
-    def contradict(self, limits: CheckLimits) -> bool:
-        """True if the plane tilts like the IMU only after rotating or mirroring it."""
-        return self.size > limits.tilt and self.similarity < limits.unlike and self.turned > limits.like
 
     @classmethod
     def of(cls, footing: Footing) -> Tilts:
@@ -64,123 +60,108 @@ class Tilts:
 
 @dataclass(frozen=True, eq=False)
 class Consistency:
-    """Figures computed from all sensors together, trunk axes."""
+    """What all sensors together say of a robot."""
 
-    robot: Robot  # the model
-    limits: CheckLimits  # beyond which a figure is impossible
-    carried: float  # magnitude of the total contact force [N], in any direction
-    weighs: float  # upward part of it [kg]
+    weighs: float  # upward part of the total contact force [kg]
     loads: Array  # (L,) [N], of each foot along the accelerometer's vertical
-    sideways: Array  # (L,) [N], across it
-    force_angle: float  # between forces and accelerometer [rad]
-    # plane_angle, plane_force_angle: between the feet's plane and accelerometer or forces [rad]; 0 of two feet
-    plane_angle: float
-    plane_force_angle: float
-    off_centre: Array  # (3,) [m], horizontal distance of the centre of mass from the model's
-    outside: Array  # (n,) [rad], mean angle beyond the joints' limits
-    tilts: Tilts  # of IMU and feet's plane
-    size: float  # half the diagonal between the feet in the nominal stance, at least a quarter of a leg [m]
-    imu: bool = True  # False if there is none, and the forces' direction replaces the accelerometer's
+    hangs: bool  # True if the feet carry almost nothing, in total and individually
+    cost: float  # sum of squares of the figures, each in units of its usual size
+    faults: tuple[str, ...]  # the impossible figures, one clause each
+    outlier: str  # the one of three sources of the vertical that disagrees with the other two, as the end of a sentence
 
     @classmethod
     def of(cls, footing: Footing) -> Consistency:
         """Computes the figures for some instants of a log."""
-        robot, blocks, a = footing.robot, footing.blocks, footing.specific_force.mean(axis=0)
-        up = a / np.linalg.norm(a)
-        legs = footing.force.mean(axis=0)
-        total, loads = legs.sum(axis=0), legs @ up
-        weight = float(total @ up)
-        # at rest Σ p x f = c x Σ f; across the vertical, less the same of the model
-        inertial = footing.state.inertial.sum(axis=1).mean(axis=0)
-        moment = footing.target.mean(axis=0)[3:] + inertial[3:]
-        model = np.cross(robot.inertias[robot.trunk].first_moment, a) + inertial[3:]
-        least = 1e-6 if abs(weight) <= 1e-6 else weight
-        off = np.cross(up, moment) / least - np.cross(up, model) / (robot.mass * float(a @ up))
-        contact = footing.contact.mean(axis=0)
-        normal = ground_normal(contact, np.ones(len(legs), dtype=bool), -contact.mean(axis=0))
-        limits = [robot.limits[joint] for joint in robot.tree.joints]
-        lower, upper = np.array([(x.lower, x.upper) for x in limits]).T
-        beyond = np.maximum(np.maximum(blocks.position - upper, lower - blocks.position), 0.0)
+        a, legs, contact = (x.mean(axis=0) for x in (footing.specific_force, footing.force, footing.contact))
+        up, total = a / np.linalg.norm(a), legs.sum(axis=0)
+        loads, force, plane, apart = legs @ up, _angle(total, up), 0.0, 0.0
+        if len(legs) > 2:  # two feet have no plane
+            normal = ground_normal(contact, np.ones(len(legs), dtype=bool), -contact.mean(axis=0))
+            plane, apart = _angle(normal, up), _angle(normal, total)
+        figures = [*_of_loads(footing, up, legs), *_of_directions(footing, force, plane), _of_centre(footing, a, total)]
+        hangs = np.linalg.norm([total, *legs], axis=1) < footing.limits.hanging * footing.weight
         return cls(
-            robot=robot,
-            limits=footing.limits,
-            carried=float(np.linalg.norm(total)),
-            weighs=weight / GRAVITY,
+            weighs=float(total @ up) / GRAVITY,
             loads=loads,
-            sideways=np.linalg.norm(legs - loads[:, None] * up, axis=1),
-            force_angle=_angle(total, up),
-            plane_angle=_angle(normal, up) if len(legs) > 2 else 0.0,
-            plane_force_angle=_angle(normal, total) if len(legs) > 2 else 0.0,
-            off_centre=off,
-            outside=beyond.mean(axis=0),
-            tilts=Tilts.of(footing),
-            size=_size(robot),
-            imu=blocks.specific_force is not None,
+            hangs=bool(hangs.all()),
+            cost=float(sum(np.square(sizes).sum() for sizes, _ in figures)),
+            faults=tuple(chain.from_iterable(clauses for _, clauses in figures)),
+            outlier=_outlier(footing, force, plane, apart, bool((loads > 0).all())),
         )
 
-    @property
-    def weight(self) -> float:
-        """Weight of the model [N]."""
-        return self.robot.mass * GRAVITY
 
-    @property
-    def hangs(self) -> bool:
-        """True if the feet carry almost nothing, in total and individually."""
-        least = self.limits.hanging * self.weight
-        return self.carried < least and bool((np.hypot(self.loads, self.sideways) < least).all())
+Figure = tuple[Array | float, list[str]]
+"""A figure in units of its usual size, and clauses that say what of it is impossible."""
 
-    @property
-    def cost(self) -> float:
-        """Sum of squares of the figures, each in units of its usual size."""
-        mass = (self.weighs / self.robot.mass - 1.0) / 0.2
-        tilt = self.tilts.size * (1.0 - self.tilts.similarity) / np.radians(1.5)
-        terms = [
-            np.array([mass, tilt, self.force_angle / np.radians(3.0), self.plane_angle / np.radians(10.0)]),
-            self.off_centre / (0.15 * self.size),
-            np.minimum(self.loads, 0.0) / (0.05 * self.weight),
-            self.sideways / (0.15 * self.weight),
-            self.outside / 0.05,
-        ]
-        return float(sum(term @ term for term in terms))
 
-    def faults(self) -> Iterator[str]:
-        """Yields the impossible figures, one clause each."""
-        robot, limits = self.robot, self.limits
-        for joint, beyond in zip(robot.tree.joints, self.outside, strict=True):
-            if beyond > limits.outside:
-                yield f"joint {joint!r} is {beyond:.2f} rad beyond its limits"
-        if not limits.lightest < self.weighs / robot.mass < limits.heaviest:
-            yield f"the robot would weigh {self.weighs:.3g} kg, the model {robot.mass:.3g} kg"
-        for leg, load in zip(robot.legs, self.loads, strict=True):
-            if load < -limits.pull * self.weight:
-                yield f"leg {leg.name} would pull at the ground with {-load:.3g} N"
-        for leg, load, across in zip(robot.legs, self.loads, self.sideways, strict=True):
-            if load >= 0 and across > limits.sliding * load + limits.sliding_floor * self.weight:
-                yield f"leg {leg.name} would push sideways with {across:.3g} N under {load:.3g} N"
-        if self.force_angle > limits.force_angle:
-            yield f"the feet's forces are {np.degrees(self.force_angle):.0f}° off the accelerometer's vertical"
-        if self.plane_angle > limits.plane_angle:
-            other = "the accelerometer's vertical" if self.imu else "the direction of their forces"
-            yield f"the feet's plane is {np.degrees(self.plane_angle):.0f}° off {other}"
-        if self.imu and self.tilts.contradict(limits):
-            yield f"the feet's plane does not tilt as the IMU does, which tilts by {np.degrees(self.tilts.size):.1f}°"
-        off = float(np.linalg.norm(self.off_centre))
-        if off > limits.off_centre * self.size and self.weighs > limits.lightest * robot.mass:
-            yield f"the centre of mass would be {100 * off:.0f} cm off the model's"
+def _of_loads(footing: Footing, up: Array, legs: Array) -> Iterator[Figure]:
+    """Joints within their limits, the weight, and the load of each foot by its force (L, 3) [N]."""
+    robot, limits, weight = footing.robot, footing.limits, footing.weight
+    lower, upper = np.array([(robot.limits[j].lower, robot.limits[j].upper) for j in robot.tree.joints]).T
+    q = footing.blocks.position
+    outside = np.maximum(np.maximum(q - upper, lower - q), 0.0).mean(axis=0)
+    named = zip(robot.tree.joints, outside, strict=True)
+    yield outside / 0.05, [f"joint {j!r} is {x:.2f} rad beyond its limits" for j, x in named if x > limits.outside]
+    mass = float(legs.sum(axis=0) @ up) / GRAVITY
+    clause = f"the robot would weigh {mass:.3g} kg, the model {robot.mass:.3g} kg"
+    possible = limits.lightest < mass / robot.mass < limits.heaviest
+    yield (mass / robot.mass - 1.0) / 0.2, [] if possible else [clause]
+    loads = legs @ up
+    sideways = np.linalg.norm(legs - loads[:, None] * up, axis=1)
+    each = [*zip([leg.name for leg in robot.legs], loads, sideways, strict=True)]
+    pulls = [(name, -load) for name, load, _ in each if load < -limits.pull * weight]
+    yield (
+        np.minimum(loads, 0.0) / (0.05 * weight),
+        [f"leg {n} would pull at the ground with {f:.3g} N" for n, f in pulls],
+    )
+    slides = [one for one in each if one[1] >= 0 and one[2] > limits.sliding * one[1] + limits.sliding_floor * weight]
+    clauses = [f"leg {name} would push sideways with {f:.3g} N under {load:.3g} N" for name, load, f in slides]
+    yield sideways / (0.15 * weight), clauses
 
-    @property
-    def outlier(self) -> str:
-        """Names the one of three sources of the vertical that disagrees with the other two."""
-        close, far = self.limits.close, self.limits.far
-        if not self.imu:
-            return "; check the joints' names, and the torques' signs and units"
-        if self.plane_force_angle < close and self.plane_angle > far:
-            return "; the feet's plane and their forces agree, so that it is the IMU's frame that seems wrong"
-        if self.plane_angle < close and self.force_angle > far:
-            return "; IMU and the feet's plane agree, so that it is the torques that seem wrong"
-        if max(self.plane_force_angle, self.plane_angle, self.force_angle) < close and (self.loads > 0).all():
-            return "; all directions agree, so that it is the torques' unit or scale, or the model, that seems wrong"
-        return "; check the joints' names, the torques' signs and units, and the IMU's frame"
+
+def _of_directions(footing: Footing, force: float, plane: float) -> Iterator[Figure]:
+    """The forces' direction and the feet's plane, by their angles from the accelerometer's vertical [rad], and how the
+    plane tilts.
+    """
+    limits, imu, tilts = footing.limits, footing.blocks.specific_force is not None, Tilts.of(footing)
+    clause = f"the feet's forces are {np.degrees(force):.0f}° off the accelerometer's vertical"
+    yield force / np.radians(3.0), [clause] if force > limits.force_angle else []
+    other = "the accelerometer's vertical" if imu else "the direction of their forces"
+    clause = f"the feet's plane is {np.degrees(plane):.0f}° off {other}"
+    yield plane / np.radians(10.0), [clause] if plane > limits.plane_angle else []
+    wrong = imu and tilts.size > limits.tilt and tilts.similarity < limits.unlike and tilts.turned > limits.like
+    clause = f"the feet's plane does not tilt as the IMU does, which tilts by {np.degrees(tilts.size):.1f}°"
+    yield tilts.size * (1.0 - tilts.similarity) / np.radians(1.5), [clause] if wrong else []
+
+
+def _of_centre(footing: Footing, a: Array, total: Array) -> Figure:
+    """Horizontal distance of the centre of mass from the model's: at rest Σ p x f = c x Σ f, less the same of the
+    model, across the vertical.
+    """
+    robot, limits, up, size = footing.robot, footing.limits, a / np.linalg.norm(a), _size(footing.robot)
+    inertial = footing.state.inertial.sum(axis=1).mean(axis=0)
+    moment = footing.target.mean(axis=0)[3:] + inertial[3:]
+    model = np.cross(robot.inertias[robot.trunk].first_moment, a) + inertial[3:]
+    upward = float(total @ up)
+    least = upward if abs(upward) > 1e-6 else 1e-6
+    off = np.cross(up, moment) / least - np.cross(up, model) / (robot.mass * float(a @ up))
+    far = float(np.linalg.norm(off))
+    wrong = far > limits.off_centre * size and upward > limits.lightest * footing.weight
+    return off / (0.15 * size), [f"the centre of mass would be {100 * far:.0f} cm off the model's"] if wrong else []
+
+
+def _outlier(footing: Footing, force: float, plane: float, apart: float, loaded: bool) -> str:
+    """By the angles of forces and plane from the accelerometer's vertical, and of both from each other [rad]."""
+    close, far = footing.limits.close, footing.limits.far
+    if footing.blocks.specific_force is None:
+        return "; check the joints' names, and the torques' signs and units"
+    if apart < close and plane > far:
+        return "; the feet's plane and their forces agree, so that it is the IMU's frame that seems wrong"
+    if plane < close and force > far:
+        return "; IMU and the feet's plane agree, so that it is the torques that seem wrong"
+    if max(apart, plane, force) < close and loaded:
+        return "; all directions agree, so that it is the torques' unit or scale, or the model, that seems wrong"
+    return "; check the joints' names, the torques' signs and units, and the IMU's frame"
 
 
 def hanging(footing: Footing, now: Consistency) -> Finding:
