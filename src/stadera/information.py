@@ -155,7 +155,7 @@ class Information:
     def of_posterior(
         cls, unknowns: Unknowns | Iterable[str], mean: Array, covariance: Array, prior: Array, least: float = 0.1
     ) -> Information:
-        """What rows told that turned N(0, `prior`) into N(`mean`, `covariance`): RᵀR = Σ⁻¹ - P⁻¹, Rᵀz = Σ⁻¹ mean.
+        """Of rows that turned N(0, `prior`) into N(`mean`, `covariance`): RᵀR = Σ⁻¹ - P⁻¹, Rᵀz = Σ⁻¹ mean.
 
         Args:
             least: information of a direction, in units of the prior's, below which it is left out [1].
@@ -164,9 +164,9 @@ class Information:
         inside = np.linalg.solve(root, np.linalg.solve(root, covariance).T)
         sizes, axes = np.linalg.eigh(0.5 * (inside + inside.T))
         kept = 1.0 / sizes - 1.0 > least
-        told, axes = 1.0 / sizes[kept] - 1.0, axes[:, kept]
-        H = np.sqrt(told)[:, None] * np.linalg.solve(root.T, axes).T
-        z = (1.0 + told) / np.sqrt(told) * (axes.T @ np.linalg.solve(root, mean))
+        gained, axes = 1.0 / sizes[kept] - 1.0, axes[:, kept]
+        H = np.sqrt(gained)[:, None] * np.linalg.solve(root.T, axes).T
+        z = (1.0 + gained) / np.sqrt(gained) * (axes.T @ np.linalg.solve(root, mean))
         return _triangular(_layout(unknowns), np.column_stack((H, z)))
 
     def __post_init__(self) -> None:

@@ -97,7 +97,8 @@ def fleet(
     memory: Annotated[
         Path | None,
         option(
-            "F.json", "What earlier logs told of the robot; read if it is there, and written anew; F-NAME of several."
+            "F.json",
+            "The robot as known from earlier logs; read if it is there, and written anew; F-NAME of several.",
         ),
     ] = None,
     worker_memory: Annotated[

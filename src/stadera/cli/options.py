@@ -65,7 +65,7 @@ JointTopic = Annotated[str | None, option("TOPIC", "Topic to read, if several ha
 ImuTopic = Annotated[str | None, option("TOPIC", "Topic to read, if there are several IMUs.")]
 MemoryFile = Annotated[
     Path | None,
-    option("F.json", "What earlier logs told of this robot; read if it is there, and written anew.", "--memory"),
+    option("F.json", "The robot as known from earlier logs; read if it is there, and written anew.", "--memory"),
 ]
 JsonFile = Annotated[Path | None, option("F", "Write the result as JSON.", "--json")]
 ReportFile = Annotated[Path | None, option("F.html", "Write an HTML report; F.pdf is printed by Chromium.", "--report")]
