@@ -109,10 +109,8 @@ class Instants:
             name: mend.of_joints(c, getattr(self, name), self.joints) for c, name in _CHANNELS.items() if c in touched
         }
         for quantity, name in _VECTORS.items():
-            values, factor = getattr(self, name), mend.factors.get(quantity, 1.0)
-            turn = mend.turn if quantity == GYRO or not mend.gyro_alone else ()
-            if values is not None and (turn or factor != 1.0):
-                new[name] = factor * values @ np.array(turn or np.eye(3)).T
+            if (values := getattr(self, name)) is not None:
+                new[name] = mend.of_imu(quantity, values)
         return replace(self, **new)
 
     def shifted(self, by: int) -> tuple[Instants, Instants]:

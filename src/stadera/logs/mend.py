@@ -50,8 +50,7 @@ class Mend:
         return replace(scaled, **kept, imu=imu)  # type: ignore[arg-type]
 
     def _scaled(self, name: str, values: Array) -> Array:
-        quantity = {"imu.angular_velocity": GYRO, "imu.linear_acceleration": ACCELEROMETER}.get(name, name)
-        quantity = quantity.removeprefix("others.")
+        quantity = name.removeprefix("others.")
         return values * self.factors[quantity] if quantity in self.factors else values
 
     def of_joints(self, channel: str, values: Array, joints: Sequence[str]) -> Array:
@@ -59,19 +58,22 @@ class Mend:
         factor = np.array([self.joint_factors.get((channel, joint), 1.0) for joint in joints])
         return np.asarray(values[:, order] * factor)
 
+    def of_imu(self, quantity: str, values: Array) -> Array:
+        """Corrected values (samples, 3) of a gyro or accelerometer."""
+        if self.turn and not (self.gyro_alone and quantity != GYRO):
+            values = values @ np.array(self.turn).T
+        return self.factors.get(quantity, 1.0) * values
+
     def _imu(self, imu: Imu) -> Imu:
-        turn, orientation = np.array(self.turn or np.eye(3)), imu.orientation
+        orientation, force = imu.orientation, imu.linear_acceleration
         if orientation is not None and self.quaternion:
             orientation = orientation[:, [1, 2, 3, 0]] if self.quaternion == "wxyz" else orientation * [-1, -1, -1, 1]
-        force = imu.linear_acceleration
         if self.gravity and orientation is not None:
             force = force + GRAVITY * upwards(orientation)
-        rates = imu.angular_velocity @ turn.T
-        if self.gyro_alone:
-            return replace(imu, angular_velocity=rates, linear_acceleration=force, orientation=orientation)
-        if self.turn and orientation is not None:
+        if self.turn and not self.gyro_alone:
             orientation = None  # the frame no longer matches the values
-        return replace(imu, angular_velocity=rates, linear_acceleration=force @ turn.T, orientation=orientation)
+        gyro, force = self.of_imu(GYRO, imu.angular_velocity), self.of_imu(ACCELEROMETER, force)
+        return replace(imu, angular_velocity=gyro, linear_acceleration=force, orientation=orientation)
 
 
 @dataclass(frozen=True)
