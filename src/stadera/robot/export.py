@@ -159,9 +159,13 @@ def _check_reads_back(robot: Robot, written: Path, target: Path) -> None:
 
 # -- elements --------------------------------------------------------------------------------------------------------
 def _put_inertias(
-    root: ET.Element, source: Path, inertias: Mapping[str, InertialParameters], fixed: Mapping[str, list[str]], *,
+    root: ET.Element,
+    source: Path,
+    inertias: Mapping[str, InertialParameters],
+    fixed: Mapping[str, list[str]],
+    *,
     is_urdf: bool,
-) -> None:  # fmt: skip
+) -> None:
     """Writes inertias, each in the file's own frame of its link, and takes away those of the bodies fixed to it."""
     tag, made = ("link", _urdf_inertial) if is_urdf else ("body", _mjcf_inertial)
     for link, body in inertias.items():
@@ -169,10 +173,11 @@ def _put_inertias(
             _check_possible(link, body)
         _put_child(_named(root, tag, link, source), made(body.mass, body.com, body.inertia_com))
         for owner in (_named(root, tag, name, source) for name in fixed[link]):
-            if not is_urdf:
+            if is_urdf:
+                for inertial in owner.findall("inertial"):
+                    _remove(owner, inertial)
+            else:
                 _put_child(owner, _element("inertial", {"pos": "0 0 0", "mass": "0", "diaginertia": "0 0 0"}))
-            for inertial in owner.findall("inertial") if is_urdf else ():
-                _remove(owner, inertial)
 
 
 def _put_dynamics(root: ET.Element, source: Path, dynamics: Mapping[str, JointDynamics], *, is_urdf: bool) -> None:
