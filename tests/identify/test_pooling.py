@@ -9,7 +9,7 @@ import pytest
 
 from identify.leg_runs import hyq
 from stadera.body import FrictionModel, JointTorqueRegressor
-from stadera.errors import IdentificationError
+from stadera.errors import StaderaError
 from stadera.identify.prior import Prior, robot_prior
 from stadera.identify.solutions import Estimate, KindSpread, null_space_solution, pooled_prior
 from stadera.information import Information
@@ -102,5 +102,5 @@ def test_alone_or_without_the_term_it_is_the_prior_itself() -> None:
 
 @pytest.mark.parametrize("name", ["armature", "viscous", "coulomb"])
 def test_spread_is_positive(name: str) -> None:
-    with pytest.raises(IdentificationError, match=f"spread of '{name}' must be positive"):
+    with pytest.raises(StaderaError, match=f"spread of '{name}' must be positive"):
         KindSpread(**{name: 0.0})

@@ -7,7 +7,7 @@ import pinocchio as pin
 import pytest
 
 from identify.leg_runs import hyq, leg_regressor, parameters_of
-from stadera.errors import IdentificationError
+from stadera.errors import IdentificationError, StaderaError
 from stadera.identify.prior import PriorWidth, positive_definite, robot_prior
 from stadera.inertia import InertialParameters
 from stadera.robot import JointDynamics
@@ -110,5 +110,5 @@ def test_refusals() -> None:
     with pytest.raises(IdentificationError, match=r"no prior for parameter 'wheel\.m'"):
         robot_prior(hyq(), ("wheel.m",))
     for name in ("shape", "mass", "torque", "armature"):
-        with pytest.raises(IdentificationError, match=f"prior width '{name}' must be positive"):
+        with pytest.raises(StaderaError, match=f"prior width '{name}' must be positive"):
             PriorWidth(**{name: 0.0})

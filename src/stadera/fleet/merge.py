@@ -86,11 +86,8 @@ class MergedLegs:
 def merge_legs(
     robot: Robot, logs: Mapping[str, LegInformation], settings: IdentifySettings | None = None
 ) -> MergedLegs:
-    """Merges the information of several logs, by name, on the legs of one robot, whose model is the prior.
-
-    Raises:
-        IdentificationError: no logs, or no leg in any of them.
-        UnknownNameError: a log belongs to another robot.
+    """Merges the information of several logs, by name, on the legs of one robot, whose model is the prior. Raises
+    IdentificationError: no logs, or no leg in any of them. UnknownNameError: a log belongs to another robot.
     """
     settings = settings or IdentifySettings()
     tasks = [LegTask.of(robot, leg, settings) for leg in robot.legs if any(leg.name in log for log in logs.values())]
@@ -99,7 +96,7 @@ def merge_legs(
     fits = [
         _Fit.of(robot, task, [log[task.leg.name] for log in logs.values() if task.leg.name in log]) for task in tasks
     ]
-    priors = [robot_prior(robot, fit.columns, settings.width) for fit in fits]
+    priors = [robot_prior(robot, fit.total.names, settings.width) for fit in fits]
     told = [with_scale(fit.widened(), settings.width.gain) for fit in fits]
     asked = [(task.leg, known, prior) for task, known, prior in zip(tasks, told, priors, strict=True)]
     estimates = solve_legs(asked, settings.method, settings.spread, settings.solver, lambda *_: None)
@@ -132,10 +129,6 @@ class _Fit:
         added = _least_cost(total) - sum(map(_least_cost, alone))
         freedom = sum(log.rank() for log in alone) - total.rank()
         return cls(total, added / freedom if freedom > 0 else 1.0)
-
-    @property
-    def columns(self) -> tuple[str, ...]:
-        return self.total.names
 
     def widened(self) -> Information:
         return self.total.scaled_noise(float(np.sqrt(max(1.0, self.misfit))))

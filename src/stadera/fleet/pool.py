@@ -49,10 +49,8 @@ _CONFIG = {
 
 @dataclass(frozen=True)
 class Pool:
-    """Settings of the processes that run the tasks.
-
-    Raises:
-        StaderaError: a negative number of workers, one combined with a scheduler, or no memory.
+    """Settings of the processes that run the tasks. Raises StaderaError: a negative number of workers, one combined
+    with a scheduler, or no memory.
     """
 
     workers: int | None = None  # processes of a local cluster; None for one per core, 0 for this process, without Dask

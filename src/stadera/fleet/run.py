@@ -43,16 +43,11 @@ Row = dict[str, Any]
 
 @dataclass(frozen=True)
 class Task:
-    """A log to be processed unless it has been already.
-
-    Attributes:
-        known: key of its previous result; None if there is none.
-        memory: file of the robot's memory, see `stadera.trunk.memory`; None for none.
-    """
+    """A log to be processed unless it has been already."""
 
     job: LogJob
-    known: str | None = None
-    memory: Path | None = None
+    known: str | None = None  # key of its previous result; None if there is none
+    memory: Path | None = None  # file of the robot's memory, see `stadera.trunk.memory`; None for none
 
 
 @dataclass(frozen=True)
@@ -111,9 +106,7 @@ def _learnt(result: Weighing | Identification) -> str:
 
 def memory_paths(path: str | PathLike[str], jobs: Sequence[LogJob]) -> dict[str, Path]:
     """File of each robot's memory: the path itself if it is of all jobs, with the robots' names where they have any.
-
-    Raises:
-        StaderaError: neither a job nor a log on disk says which robot it is.
+    Raises StaderaError: neither a job nor a log on disk says which robot it is.
     """
     path, owners = Path(path), dict.fromkeys(map(owner_of, jobs))
     if len(owners) == 1 and all(job.name is None for job in jobs):
@@ -132,7 +125,7 @@ def page_path(folder: str | Path, log: str) -> Path:
     return Path(folder) / f"{name}-{hashlib.sha256(log.encode()).hexdigest()[:8]}.html"
 
 
-def is_done(task: Task) -> bool:
+def _is_done(task: Task) -> bool:
     """True if a local log would get the key under which it is known."""
     if task.known is None or is_url(task.job.log):
         return False
@@ -141,11 +134,6 @@ def is_done(task: Task) -> bool:
             return _Source.of(task, stack.enter_context(fetched(task.job.log)), stack).key == task.known
     except (StaderaError, OSError):
         return False
-
-
-def lost(job: LogJob, reason: str) -> Done:
-    """Row of a log whose workers were lost, to be tried again another time."""
-    return Done(None, _empty(job) | {"status": "failed", "error": f"{job.log}: {reason}"})
 
 
 def _empty(job: LogJob) -> Row:
@@ -274,10 +262,9 @@ def run_fleet(
     out: str | PathLike[str],
     pool: Pool | None = None,
     watch: Watch | None = None,
-    saved_every: float = 30.0,
     memory: str | PathLike[str] | None = None,
 ) -> FleetTable:
-    """Weighs a fleet's logs, or identifies legs from them, and writes the table every `saved_every` [s] and at the end.
+    """Weighs a fleet's logs, or identifies legs from them, and writes the table every half minute and at the end.
 
     Args:
         jobs: one for each log; the table itself, which a glob may have matched, is ignored. Rows of other logs in an
@@ -298,46 +285,64 @@ def run_fleet(
     for job in jobs:
         if job.robot is not None:
             job.model()  # errors appear before the computation
-    fleet = _Fleet(target, jobs, saved_every)
-    files = {} if memory is None else memory_paths(memory, jobs)
-    tasks = {job.log: Task(job, fleet.key(job.log), files.get(owner_of(job)) if files else None) for job in jobs}
-    waiting = {log: task for log, task in tasks.items() if not is_done(task)}
-    turns: dict[str, tuple[Task, ...]] = {}
-    for log, task in waiting.items():
-        of = log if task.memory is None else str(task.memory)
-        turns[of] = (*turns.get(of, ()), task)
-    remote = any(map(is_url, waiting))  # else progress is by the logs' sizes, which determine their time
-    sizes, done_so_far = {log: 1 if remote else _size(Path(log)) for log in waiting}, list[str]()
-
-    def report() -> None:
-        if watch is not None:
-            finished = sum(sizes[log] for log in done_so_far)
-            watch("weighing logs", finished, sum(sizes.values()), f"{len(done_so_far)} of {len(sizes)}")
-
-    report()
+    fleet = _Fleet(target, jobs)
+    turns = _turns(fleet, jobs, memory)
+    report = _report_of([task.job.log for turn in turns.values() for task in turn], watch)
     try:
         with journal(fleet.journal) as append, closing(run_tasks(process_in_turn, turns, pool or Pool())) as outcomes:
             for of, outcome in outcomes:
-                if isinstance(outcome, Failure):
-                    outcome = [lost(task.job, outcome.reason) for task in turns[of]]
-                for task, done in zip(turns[of], outcome, strict=True):
+                for k, task in enumerate(turns[of]):
+                    done = lost(task.job, outcome.reason) if isinstance(outcome, Failure) else outcome[k]
                     if done.row is not None:
                         append({"key": done.key, "row": done.row})
                         fleet.add(task.job.log, done)
-                    done_so_far.append(task.job.log)
-                report()
+                report([task.job.log for task in turns[of]])
     finally:
         fleet.save()
         fleet.journal.unlink(missing_ok=True)
     return fleet.table()
 
 
+def lost(job: LogJob, reason: str) -> Done:
+    """Row of a log whose workers were lost, to be tried again another time."""
+    return Done(None, _empty(job) | {"status": "failed", "error": f"{job.log}: {reason}"})
+
+
+def _turns(fleet: _Fleet, jobs: Sequence[LogJob], memory: str | PathLike[str] | None) -> dict[str, tuple[Task, ...]]:
+    """Tasks that are not done yet: each by itself, or those of one memory together."""
+    files = {} if memory is None else memory_paths(memory, jobs)
+    turns: dict[str, tuple[Task, ...]] = {}
+    for job in {job.log: job for job in jobs}.values():
+        task = Task(job, fleet.key(job.log), files[owner_of(job)] if files else None)
+        if not _is_done(task):
+            of = job.log if task.memory is None else str(task.memory)
+            turns[of] = (*turns.get(of, ()), task)
+    return turns
+
+
+def _report_of(logs: Sequence[str], watch: Watch | None) -> Callable[[Sequence[str]], None]:
+    """What tells of logs that are done; progress is by the logs' sizes, which determine their time, if all are here."""
+    sizes = dict.fromkeys(logs, 1) if any(map(is_url, logs)) else {log: _size(Path(log)) for log in logs}
+    finished: list[str] = []
+
+    def report(done: Sequence[str]) -> None:
+        finished.extend(done)
+        if watch is not None:
+            amount = sum(sizes[log] for log in finished)
+            watch("weighing logs", amount, sum(sizes.values()), f"{len(finished)} of {len(sizes)}")
+
+    report(())
+    return report
+
+
 class _Fleet:
     """Finished rows, from the table, the journal and the present run."""
 
-    def __init__(self, target: Path, jobs: Sequence[LogJob], saved_every: float) -> None:
+    saved_every = 30.0  # [s]
+
+    def __init__(self, target: Path, jobs: Sequence[LogJob]) -> None:
         self.journal = target.with_name(f".{target.stem}.journal.jsonl")
-        self._target, self._jobs, self._every = target, jobs, saved_every
+        self._target, self._jobs = target, jobs
         self._done: dict[str, Done] = {}
         if target.exists():
             self._read(read_fleet(target))
@@ -352,7 +357,7 @@ class _Fleet:
     def add(self, log: str, done: Done) -> None:
         """Adds a row, and saves the table if the last save was long ago."""
         self._done[log], self._changed = done, True
-        if monotonic() - self._saved > self._every:
+        if monotonic() - self._saved > self.saved_every:
             self.save()
 
     def save(self) -> None:

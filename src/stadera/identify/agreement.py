@@ -35,33 +35,21 @@ _CAUSES = {
 
 @dataclass(frozen=True)
 class Compared:
-    """One parameter in several parts.
+    """One parameter in several parts."""
 
-    Attributes:
-        z: largest deviation of a part from the others, in standard deviations.
-        spread: standard deviation of the parts' values, in the parameter's unit.
-        agrees: False if the deviation is beyond chance.
-    """
-
-    z: float
-    spread: float
-    agrees: bool
+    z: float  # largest deviation of a part from the others, in standard deviations
+    spread: float  # standard deviation of the parts' values, in the parameter's unit
+    agrees: bool  # False if the deviation is beyond chance
 
 
 @dataclass(frozen=True, eq=False)
 class Agreement:
-    """How well parts of the data agree.
+    """How well parts of the data agree."""
 
-    Attributes:
-        parts: their names.
-        looks: number of comparisons. chi2: mean square of the deviations, 1 if the error bars are right.
-        parameters: of those that several parts determine, by name.
-    """
-
-    parts: tuple[str, ...]
-    looks: int
-    chi2: float
-    parameters: Mapping[str, Compared]
+    parts: tuple[str, ...]  # their names
+    looks: int  # number of comparisons
+    chi2: float  # mean square of the deviations, 1 if the error bars are right
+    parameters: Mapping[str, Compared]  # of those that several parts determine, by name
 
     @classmethod
     def of(
@@ -93,14 +81,7 @@ class Agreement:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON."""
-        parameters = {name: asdict(found) for name, found in self.parameters.items()}
-        return {
-            "parts": list(self.parts),
-            "looks": self.looks,
-            "chi2": self.chi2,
-            "differs": list(self.differs),
-            "parameters": parameters,
-        }
+        return asdict(self) | {"parts": list(self.parts), "differs": list(self.differs)}
 
     def widened(self, columns: Sequence[str], covariance: Array) -> Array:
         """A covariance of parameters with the spread of those that differ added."""

@@ -40,14 +40,10 @@ from stadera.types import Array, Progress
 
 @dataclass(frozen=True, eq=False)
 class KnownLegs:
-    """What a log of a robot on its feet, or the robot's memory, tells of its legs.
+    """What a log of a robot on its feet, or the robot's memory, tells of its legs."""
 
-    Attributes:
-        source: the log's name.
-        by_leg: information on mass and first moment of each leg's links, and on its drives, offsets included.
-    """
-
-    source: str
+    source: str  # the log's name
+    # information on mass and first moment of each leg's links, and on its drives, offsets included
     by_leg: Mapping[str, Information]
 
     def of_leg(self, name: str, fixed: Mapping[str, float], *, offsets: bool) -> Information:
@@ -74,20 +70,13 @@ class KnownLegs:
 
 @dataclass(frozen=True, eq=False)
 class FloatingLog(KnownLegs):
-    """One log of a robot on its feet.
+    """One log of a robot on its feet."""
 
-    Attributes:
-        trunk: with its uncertainty, payload included.
-        torque_lag: how much later than its stamp a torque acted [s], as of `stadera.identify.lag`.
-        trust: fit of the log.
-        memory: the robot's memory with the log, None without one or if they contradict each other. said: of it.
-    """
-
-    trunk: TrunkParameters
-    torque_lag: float
-    trust: Trust
-    memory: Memory | None = None
-    said: str = ""
+    trunk: TrunkParameters  # with its uncertainty, payload included
+    torque_lag: float  # how much later than its stamp a torque acted [s], as of `stadera.identify.lag`
+    trust: Trust  # fit of the log
+    memory: Memory | None = None  # the robot's memory with the log, None without one or if they contradict each other
+    said: str = ""  # of it
 
 
 def floating_log(
@@ -118,17 +107,13 @@ def _columns(leg: Leg) -> tuple[str, ...]:
 
 @dataclass(frozen=True, eq=False)
 class _Columns:
-    """Parameters of all legs, by leg, and the errors p of the model that change them: θ = model + slope p.
+    """Parameters of all legs, by leg, and the errors p of the model that change them: θ = model + slope p."""
 
-    Attributes:
-        robot: the model. columns: names. at: (n,), places of their errors. slope: (n, n). model: (n,).
-    """
-
-    robot: Robot
-    columns: tuple[str, ...]
-    at: Places
-    slope: Array
-    model: Array
+    robot: Robot  # the model
+    columns: tuple[str, ...]  # names
+    at: Places  # (n,), places of their errors
+    slope: Array  # (n, n)
+    model: Array  # (n,)
 
     @classmethod
     def of(cls, robot: Robot) -> _Columns:

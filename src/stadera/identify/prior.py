@@ -20,7 +20,7 @@ from functools import cached_property
 import numpy as np
 
 from stadera.constants import GRAVITY
-from stadera.errors import IdentificationError
+from stadera.errors import IdentificationError, require_positive
 from stadera.inertia import ORDER, PSEUDO_BASIS, InertialParameters
 from stadera.robot.model import JointDynamics, Robot
 from stadera.trunk.settings import ModelErrors
@@ -51,9 +51,7 @@ class PriorWidth:
     gain: float = float(np.hypot(ModelErrors.gain, ModelErrors.common_gain))
 
     def __post_init__(self) -> None:
-        for name in self.__dataclass_fields__:
-            if not getattr(self, name) > 0:
-                raise IdentificationError(f"prior width {name!r} must be positive, got {getattr(self, name)}")
+        require_positive("prior width", self, self.__dataclass_fields__)
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,10 +83,7 @@ class Prior:
 
 def robot_prior(robot: Robot, columns: tuple[str, ...], width: PriorWidth | None = None) -> Prior:
     """Makes the prior on parameters, whole links (`<link>.m` ... in order) and joint terms (`<joint>.armature`, ...),
-    from a robot's model.
-
-    Raises:
-        IdentificationError: `columns` holds only part of a link's parameters.
+    from a robot's model. Raises IdentificationError: `columns` holds only part of a link's parameters.
     """
     width = width or PriorWidth()
     values, root = np.zeros(len(columns)), np.zeros((len(columns), len(columns)))

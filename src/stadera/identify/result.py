@@ -67,55 +67,36 @@ class KnownCombination(Quantity):
 
 @dataclass(frozen=True, eq=False)
 class TorqueTrace:
-    """Measured and predicted torques over time, thinned out for plots.
+    """Measured and predicted torques over time, thinned out for plots."""
 
-    Attributes:
-        part: "training" or "validation".
-        time: (samples,) [s].
-        measured: (samples, joints) [N·m].
-        predicted: by model, (samples, joints) [N·m].
-    """
-
-    part: str
-    time: Array
-    measured: Array
-    predicted: Mapping[str, Array]
+    part: str  # "training" or "validation"
+    time: Array  # (samples,) [s]
+    measured: Array  # (samples, joints) [N·m]
+    predicted: Mapping[str, Array]  # by model, (samples, joints) [N·m]
 
 
 @dataclass(frozen=True, eq=False)
 class LegIdentification:
-    """Result for one leg.
+    """Result for one leg."""
 
-    Attributes:
-        leg: names of the leg, its links and joints.
-        model: the robot model's values of all parameters, by name.
-        estimate: the requested solution.
-        null_space: the paper's eq. 5 on the same data, for comparison.
-        friction_only: joint terms fitted with the rigid bodies at CAD, by parameter name.
-        combinations: combinations that motion on a held trunk can determine, and how well this log determines them.
-        structural_rank: rank of the regressor for rich motion without noise; this log's rank is in the estimate.
-        noise: by joint, standard deviation of the torque residual [N·m].
-        rmse: by part, model and joint [N·m].
-        traces: for plots.
-        information: of the training rows, in units of their noise; None if it was not kept.
-        varying: by joint, of those whose friction varies.
-        worse: joints whose held-out torques CAD with friction predicts better by more than chance; "" for all together.
-        warnings: for the reader of the report, one sentence each.
-    """
-
-    leg: Leg
-    model: Mapping[str, float]
-    estimate: Estimate
-    null_space: Estimate
+    leg: Leg  # names of the leg, its links and joints
+    model: Mapping[str, float]  # the robot model's values of all parameters, by name
+    estimate: Estimate  # the requested solution
+    null_space: Estimate  # the paper's eq. 5 on the same data, for comparison.
+    # joint terms fitted with the rigid bodies at CAD, by parameter name
     friction_only: Mapping[str, float] = field(default_factory=dict)
+    # combinations that motion on a held trunk can determine, and how well this log determines them
     combinations: tuple[KnownCombination, ...] = ()
-    structural_rank: int = 0
+    structural_rank: int = 0  # rank of the regressor for rich motion without noise; this log's rank is in the estimate
+    # by joint, standard deviation of the torque residual [N·m]
     noise: Mapping[str, float] = field(default_factory=dict)
+    # by part, model and joint [N·m]
     rmse: Mapping[str, Mapping[str, Mapping[str, float]]] = field(default_factory=dict)
-    traces: tuple[TorqueTrace, ...] = ()
-    warnings: tuple[str, ...] = ()
-    information: Information | None = None
-    varying: Mapping[str, VaryingFriction] = field(default_factory=dict)
+    traces: tuple[TorqueTrace, ...] = ()  # for plots
+    warnings: tuple[str, ...] = ()  # for the reader of the report, one sentence each
+    information: Information | None = None  # of the training rows, in units of their noise; None if it was not kept
+    varying: Mapping[str, VaryingFriction] = field(default_factory=dict)  # by joint, of those whose friction varies
+    # joints whose held-out torques CAD with friction predicts better by more than chance; "" for all together
     worse: tuple[str, ...] = ()
 
     @cached_property

@@ -120,10 +120,7 @@ def consistent_solution(information: Information, prior: Prior, settings: Solver
 
     This is the maximum a-posteriori estimate under the Gaussian prior, invariant to the choice of frames and units. In
     the prior's coordinates the matrix inequality is 1 + D_i ⪰ margin, equally well scaled for any robot. The covariance
-    is that of the unconstrained estimate.
-
-    Raises:
-        IdentificationError: the solver found no solution.
+    is that of the unconstrained estimate. Raises IdentificationError: the solver found no solution.
     """
     data, settings = _on(prior, information), settings or SolverSettings()
     seen = observability(data, prior)
@@ -271,9 +268,7 @@ class KindSpread:
     coulomb: float = 0.5
 
     def __post_init__(self) -> None:
-        for name in ("armature", "viscous", "coulomb"):
-            if not getattr(self, name) > 0:
-                raise IdentificationError(f"spread of {name!r} must be positive, got {getattr(self, name)}")
+        require_positive("spread of", self, self.__dataclass_fields__)
 
 
 def pooled_prior(leg: Leg, prior: Prior, others: Sequence[tuple[Leg, Estimate]], spread: KindSpread) -> Prior:

@@ -41,21 +41,14 @@ VARYING_UNITS: dict[str, str] = {"coulomb_cos": "N·m", "coulomb_sin": "N·m", "
 
 @dataclass(frozen=True)
 class VaryingFriction:
-    """Terms by which one joint's friction varies.
+    """Terms by which one joint's friction varies."""
 
-    Attributes:
-        centres: mean of cos q [1], sin q [1] or |h| [N·m], by term.
-        travel: x_s [rad] over which friction builds up after a reversal; zero if it acts at once.
-        travel_std: of its error [rad].
-        tried: more travels, whose columns are added to compare them, named `<joint>.<term>@1` and so on.
-        ratio: held-out RMSE with the terms over that without, of blocks and of halves.
-    """
-
-    centres: Mapping[str, float]
-    travel: float = 0.0
-    travel_std: float = np.nan
+    centres: Mapping[str, float]  # mean of cos q [1], sin q [1] or |h| [N·m], by term
+    travel: float = 0.0  # x_s [rad] over which friction builds up after a reversal; zero if it acts at once
+    travel_std: float = np.nan  # of its error [rad]
+    # more travels, whose columns are added to compare them, named `<joint>.<term>@1` and so on
     tried: tuple[float, ...] = ()
-    ratio: tuple[float, float] = (1.0, 1.0)
+    ratio: tuple[float, float] = (1.0, 1.0)  # held-out RMSE with the terms over that without, of blocks and of halves
 
     @property
     def words(self) -> str:

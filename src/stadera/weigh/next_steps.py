@@ -24,24 +24,16 @@ from stadera.weigh.settings import weight_std
 
 @dataclass(frozen=True)
 class UseLimits:
-    """When a mass is determined, and when it could be known better.
+    """When a mass is determined, and when it could be known better."""
 
-    Attributes:
-        share: largest standard deviation of a payload that is determined, as a share of its own mass [1].
-        payload, trunk: one that is always small enough, as a share of the robot's mass [1].
-        fine: one above which a load that is determined is worth more effort, as a share of its own mass [1].
-        remembered: earlier logs like this one, of a memory that is offered [1].
-        gained: largest bar to expect from a step that is worth its effort, as a share of the present one [1].
-        test_weight: mass of a test weight, as a share of the robot's [1].
-    """
-
-    share: float = 0.25
+    share: float = 0.25  # largest standard deviation of a payload that is determined, as a share of its own mass [1]
+    # payload, trunk: one that is always small enough, as a share of the robot's mass [1]
     payload: float = 0.02
     trunk: float = 0.1
-    fine: float = 0.05
-    gained: float = 0.8
-    test_weight: float = 0.1
-    remembered: int = 3
+    fine: float = 0.05  # one above which a load that is determined is worth more effort, as a share of its own mass [1]
+    gained: float = 0.8  # largest bar to expect from a step that is worth its effort, as a share of the present one [1]
+    test_weight: float = 0.1  # mass of a test weight, as a share of the robot's [1]
+    remembered: int = 3  # earlier logs like this one, of a memory that is offered [1]
 
     def determined(self, robot: Robot, trunk_std: float, payload: Payload | None) -> dict[str, bool]:
         """For "trunk" and, with a tare, "payload", whether the mass is known well enough to be of use."""

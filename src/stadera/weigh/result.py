@@ -50,20 +50,18 @@ class Refusal:
 class Timeline:
     """The trunk over time, with all that is on it; trunk frame.
 
-    Attributes:
-        time: (entries,) [s].
-        mass, mass_std: (entries,) [kg], com, com_std: (entries, 3) [m], as estimated at that time.
-        payload: (entries, 2) [kg], its mass since the tare and the standard deviation, NaN before the tare; None if it
-            is not tracked.
 
     Entries that were not observed are NaN.
     """
 
-    time: Array
+    time: Array  # (entries,) [s]
+    # mass, mass_std: (entries,) [kg], com, com_std: (entries, 3) [m], as estimated at that time
     mass: Array
     mass_std: Array
     com: Array
     com_std: Array
+    # (entries, 2) [kg], its mass since the tare and the standard deviation, NaN before the tare; None if it is not
+    # tracked
     payload: Array | None = None
 
     @property
