@@ -268,7 +268,7 @@ def test_a_script_plays_the_motion_and_goes_back_on_a_fault(
         np.testing.assert_allclose(poses[-1], 0.0, atol=1e-9)
         assert stub.stopped
     reference = routine.path.sample(rate)
-    fastest = 1.2 * np.abs(reference.motion.velocity[:, :3]).max(axis=0) + 0.011
+    fastest = 1.2 * np.abs(reference.velocity[:, :3]).max(axis=0) + 0.011
     assert (np.abs(np.diff(poses, axis=0)) * rate <= fastest).all()
     if fails is None:
         np.testing.assert_allclose(poses[: len(reference)], reference.position[:, :3], atol=1e-3)

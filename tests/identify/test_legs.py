@@ -297,7 +297,7 @@ def test_a_log_whose_second_half_rests() -> None:
 def test_poor_excitation_is_told() -> None:
     """One joint swings alone: a lower rank, a warning that says so, and the rest as the model has it."""
     reference = swing(10.0, scale=0.5)
-    motion = reference.sample(250.0).motion
+    motion = reference.sample(250.0)
     only = np.array([0.0, 0.0, 1.0])
     position = motion.position * only + reference.rest * (1 - only)
     joints = JointMotion(position, motion.velocity * only, motion.acceleration * only)

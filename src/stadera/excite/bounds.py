@@ -28,37 +28,26 @@ from stadera.types import Array
 
 @dataclass(frozen=True, eq=False)
 class Clearance:
-    """Bodies that one leg could collide with.
+    """Bodies that one leg could collide with."""
 
-    Attributes:
-        tree: of the leg.
-        shapes: on the leg's links, foot included, and those of trunk and other legs, with poses in the trunk frame.
-        links: (shapes,), place in the tree of the link that moves each; 0, the trunk, for what stands still.
-        pairs: places of two shapes, the first one moving, and their least permitted distance [m]; of none of one link
-            or of neighbouring links.
-        ground: height of the ground in the trunk frame [m], None for no ground.
-        margin: distance to keep [m]; pairs that are closer at rest only need to keep their distance at rest.
-        notes: on pairs whose shapes touch at rest, and which are therefore not checked.
-        far: distance beyond which a bound from enclosing spheres is used [m].
-    """
-
-    tree: Tree
+    tree: Tree  # of the leg
+    # on the leg's links, foot included, and those of trunk and other legs, with poses in the trunk frame
     shapes: tuple[Shape, ...]
+    # (shapes,), place in the tree of the link that moves each; 0, the trunk, for what stands still
     links: NDArray[np.int64]
+    # places of two shapes, the first one moving, and their least permitted distance [m]; of none of one link or of
+    # neighbouring links
     pairs: tuple[tuple[int, int, float], ...]
-    ground: float | None
-    margin: float
-    notes: tuple[str, ...] = ()
-    far: float = 0.1
+    ground: float | None  # height of the ground in the trunk frame [m], None for no ground
+    margin: float  # distance to keep [m]; pairs that are closer at rest only need to keep their distance at rest
+    notes: tuple[str, ...] = ()  # on pairs whose shapes touch at rest, and which are therefore not checked
+    far: float = 0.1  # distance beyond which a bound from enclosing spheres is used [m]
 
     @classmethod
     def of(cls, robot: Robot, leg: str, rest: ArrayLike, margin: float = 0.0, ground: float | None = None) -> Clearance:
         """Collects the surroundings of a robot's leg at a rest pose (n,) [rad], the other legs in the nominal stance;
-        margin and height of a level ground in the trunk frame in [m].
-
-        Raises:
-            UnknownNameError: no such leg.
-            IdentificationError: the leg is too close to the ground at rest.
+        margin and height of a level ground in the trunk frame in [m]. Raises UnknownNameError: no such leg.
+        IdentificationError: the leg is too close to the ground at rest.
         """
         own, tree, at_rest = robot.leg(leg), robot.leg_tree(leg), np.asarray(rest, dtype=float)[None]
         shapes = (*_of_leg(robot, own), *_standing(robot, [link for link in robot.tree.links if link not in own.links]))
@@ -238,33 +227,14 @@ class LegBounds:
     clearance: Clearance  # from trunk, other legs, the leg itself and the ground
 
     @classmethod
-    def of(
-        cls,
-        robot: Robot,
-        leg: str,
-        rest: ArrayLike | None = None,
-        margins: Margins | None = None,
-        ground: float | None = None,
-    ) -> LegBounds:
-        """Computes the bounds of a robot's leg around a rest pose (n,) [rad], None for the nominal stance, above a
-        level ground at a height in the trunk frame [m], None for none.
-
-        Raises:
-            UnknownNameError: no such leg.
-            IdentificationError: the rest pose is outside the joints' limits, or too close to the ground.
-            ModelError: no rest pose is given, and the robot has no nominal stance.
+    def of(cls, robot: Robot, leg: str, margins: Margins | None = None, ground: float | None = None) -> LegBounds:
+        """Computes the bounds of a robot's leg around its nominal stance, above a level ground at a height in the trunk
+        frame [m], None for none. Raises UnknownNameError: no such leg. IdentificationError: it is too close to the
+        ground. ModelError: the robot has no nominal stance.
         """
-        margins = margins or Margins()
-        joints = robot.leg(leg).joints
-        indices = [robot.tree.joints.index(joint) for joint in joints]
-        pose = standing_configuration(robot)[indices] if rest is None else np.asarray(rest, dtype=float)
+        margins, joints = margins or Margins(), robot.leg(leg).joints
+        pose = standing_configuration(robot)[[robot.tree.joints.index(joint) for joint in joints]]
         limits = [robot.limits[joint] for joint in joints]
-        for joint, angle, limit in zip(joints, pose, limits, strict=True):
-            if not limit.lower <= angle <= limit.upper:
-                raise IdentificationError(
-                    f"rest pose of joint {joint!r}, {angle:.4g} rad, lies outside its limits "
-                    f"{limit.lower:.4g} to {limit.upper:.4g} rad"
-                )
         lower, upper, velocity, effort = np.array([[x.lower, x.upper, x.velocity, x.effort] for x in limits]).T
         return cls(
             robot,
@@ -316,10 +286,8 @@ class LegBounds:
 
 def fitting_factor(motion: Sinusoids, bounds: LegBounds, step: float = 0.99, rate: float = 100.0) -> float:
     """Factor by which the motion must be scaled towards the rest pose to satisfy the bounds, 1 if it does: the first
-    power of `step` that fits at samples of `rate` [Hz].
-
-    Raises:
-        IdentificationError: the rest pose itself violates the bounds.
+    power of `step` that fits at samples of `rate` [Hz]. Raises IdentificationError: the rest pose itself violates the
+    bounds.
     """
     factor = 1.0
     while not _fits(motion.drawn_in(factor), bounds, rate):
@@ -331,7 +299,7 @@ def fitting_factor(motion: Sinusoids, bounds: LegBounds, step: float = 0.99, rat
 
 def _fits(motion: Sinusoids, bounds: LegBounds, rate: float) -> bool:
     """True if the motion satisfies the bounds. The cheapest tests come first."""
-    samples = motion.sample(rate).motion
+    samples = motion.sample(rate)
     if bounds.excess(samples) > ROUNDING:
         return False
     return all(bounds.clearance.slack(samples.position[::every]).min() >= -ROUNDING for every in (20, 2))

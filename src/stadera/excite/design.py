@@ -24,7 +24,6 @@ from stadera.robot.stance import standing_configuration
 from stadera.types import Array
 
 if TYPE_CHECKING:
-    from stadera.lab.laws.paper_draw import DrawSettings
     from stadera.report.figures import Figure
     from stadera.report.table import TableData
 
@@ -42,7 +41,6 @@ class ExciteSettings:
         margins: distances from the leg's limits.
         stand_height: height of the trunk's origin above level ground [m], None for no ground.
         search: settings of the optimisation.
-        draw: settings of the paper's draws that the paper does not state; None for the defaults.
         noise: standard deviation of a torque sample, as a share of the joint's effort limit [1]: that of the paper's
             test-bed.
         noise_of_gravity: the same as a share of the largest gravity torque, if the model states no limit [1]. Assumed.
@@ -60,7 +58,6 @@ class ExciteSettings:
     margins: Margins = field(default_factory=Margins)
     stand_height: float | None = None
     search: FourierSearch = field(default_factory=FourierSearch)
-    draw: DrawSettings | None = None
     noise: float = 0.0033
     noise_of_gravity: float = 0.02
     look_rate: float = 100.0
@@ -106,7 +103,7 @@ def excite(
     for k in range(count):
         report("random draws", k, count)
         rng = np.random.default_rng((settings.seed, k))
-        draws.append(paper_draw(robot, leg, rng, settings.duration, bounds, settings.draw))
+        draws.append(paper_draw(robot, leg, rng, settings.duration, bounds))
     report("random draws", count, count)
     if settings.random:
         return _appraised(experiment, settings, draws[0], [])
@@ -124,15 +121,15 @@ def motion_table(robot: Robot, reference: Reference, whole: bool = True) -> Reco
     """Converts a motion to a table for a controller: position, velocity and acceleration of each joint over time; if
     `whole`, with the robot's other joints at rest in the nominal stance.
     """
-    if not whole:
-        motion, joints = reference.motion, reference.joints
-    else:
+    motion: JointMotion = reference
+    joints = reference.joints
+    if whole:
         joints = robot.tree.joints
         columns = [joints.index(joint) for joint in reference.joints]
         position = np.tile(standing_configuration(robot), (len(reference), 1))
-        motion, own = JointMotion(position, np.zeros_like(position), np.zeros_like(position)), reference.motion
-        for name in ("position", "velocity", "acceleration"):
-            getattr(motion, name)[:, columns] = getattr(own, name)
+        motion = JointMotion(position, np.zeros_like(position), np.zeros_like(position))
+        for name, values in vars(motion).items():
+            values[:, columns] = getattr(reference, name)
     return Recording(
         reference.time,
         joints,
@@ -218,7 +215,7 @@ class Excitation(Result):
         """Extremes of the chosen motion by joint, (n,) each: "lower" and "upper" position [rad], and magnitudes of
         "velocity" [rad/s], "acceleration" [rad/s²] and "torque" as the prior model predicts it [N·m].
         """
-        motion = self.chosen.motion.sample(self.settings.look_rate).motion
+        motion = self.chosen.motion.sample(self.settings.look_rate)
         torque = self.experiment.bounds.torque(motion)
         sizes = {"velocity": motion.velocity, "acceleration": motion.acceleration, "torque": torque}
         position = {"lower": motion.position.min(axis=0), "upper": motion.position.max(axis=0)}

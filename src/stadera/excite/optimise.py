@@ -51,14 +51,6 @@ class LegExperiment:
     # joint-side terms identified together with the rigid bodies
     friction: FrictionModel = field(default_factory=FrictionModel.full)
 
-    def __post_init__(self) -> None:
-        noise = np.asarray(self.noise, dtype=float)
-        count = len(self.bounds.joints)
-        if noise.shape != (count,) or not (np.isfinite(noise).all() and (noise > 0).all()):
-            raise IdentificationError(f"torque noise needs {count} positive numbers [N·m], got {noise.tolist()}")
-        positive("a sampling rate", self.rate, "Hz", IdentificationError)
-        object.__setattr__(self, "noise", noise)
-
     @classmethod
     def usual(
         cls, bounds: LegBounds, rate: float = 1000.0, noise: float = 0.0033, noise_of_gravity: float = 0.02
@@ -82,7 +74,7 @@ class LegExperiment:
     def information(self, reference: Reference) -> Information:
         """Information in a log of the motion, sampled at the experiment's rate."""
         interval = float(np.mean(np.diff(reference.time)))
-        data = self._information(reference.motion, self.noise)
+        data = self._information(reference, self.noise)
         return data.scaled_noise(float(np.sqrt(1.0 / (interval * self.rate))))
 
     def gain(self, reference: Reference) -> float:
@@ -245,10 +237,7 @@ def optimal_excitation(
     """The most informative motion found for this experiment, at rest at both ends of its duration [s].
 
     The same state of `rng`, which draws the starts, gives the same motion; `progress` is called with the share of the
-    work done.
-
-    Raises:
-        IdentificationError: a duration under two seconds, or a leg that cannot move within its bounds.
+    work done. Raises IdentificationError: a duration under two seconds, or a leg that cannot move within its bounds.
     """
     search = search or FourierSearch()
     check_duration(duration)

@@ -32,35 +32,11 @@ FREQUENCIES = (0.3, 0.9)
 
 
 @dataclass(frozen=True, eq=False)
-class Reference:
+class Reference(JointMotion):
     """A motion for a controller to track, evenly sampled."""
 
     joints: tuple[str, ...]  # names of the n joints
     time: Array  # (samples,) [s], from zero
-    motion: JointMotion  # position [rad], velocity [rad/s] and acceleration [rad/s²], (samples, n) each
-
-    def __post_init__(self) -> None:
-        shape = (len(self.time), len(self.joints))
-        if self.motion.position.shape != shape:
-            raise IdentificationError(f"a reference needs positions of shape {shape}, got {self.motion.position.shape}")
-
-    def __len__(self) -> int:
-        return len(self.time)
-
-    @property
-    def position(self) -> Array:
-        """(samples, n) [rad]."""
-        return self.motion.position
-
-    @property
-    def velocity(self) -> Array:
-        """(samples, n) [rad/s]."""
-        return self.motion.velocity
-
-    @property
-    def acceleration(self) -> Array:
-        """(samples, n) [rad/s²]."""
-        return self.motion.acceleration
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,7 +94,7 @@ class Sinusoids:
         """Samples the whole motion at `rate` [Hz], from zero to the end; IdentificationError unless it is positive."""
         positive("a sampling rate", rate, "Hz", IdentificationError)
         time = np.arange(int(np.ceil(self.duration * rate - 1e-6)) + 1) / rate
-        return Reference(self.joints, time, self.at(time))
+        return Reference(**vars(self.at(time)), joints=self.joints, time=time)
 
     def drawn_in(self, factor: float) -> Sinusoids:
         """The motion scaled towards the rest pose: q_0 + factor (q(t) - q_0)."""

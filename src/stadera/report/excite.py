@@ -104,7 +104,7 @@ def motion_figure(result: Excitation, shown: float = 30.0, rate: float = 100.0) 
     quantities = (
         ("position [rad]", sampled.position, bounds.lower, bounds.upper),
         ("velocity [rad/s]", sampled.velocity, -bounds.velocity, bounds.velocity),
-        ("torque [N·m]", bounds.torque(sampled.motion), -bounds.effort, bounds.effort),
+        ("torque [N·m]", bounds.torque(sampled), -bounds.effort, bounds.effort),
     )
     rows = []
     for r, (label, values, low, high) in enumerate(quantities):

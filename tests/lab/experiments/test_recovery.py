@@ -10,7 +10,7 @@ import pytest
 from stadera.identify.observability import Identifiability, Observability
 from stadera.identify.prior import PriorWidth
 from stadera.inertia import ORDER
-from stadera.lab.experiments.legs import COM_STD, LEG, LegRuns
+from stadera.lab.experiments.legs import COM_STD, LEG, LegCase
 from stadera.lab.experiments.table1 import Recovery, fixed_given
 
 
@@ -43,7 +43,7 @@ def test_observable_values_are_the_simulated_ones(exact: Recovery) -> None:
     assert exact.drift == 0.0
 
 
-def test_errors_are_those_of_the_parameters_themselves(exact: Recovery, runs: LegRuns) -> None:
+def test_errors_are_those_of_the_parameters_themselves(exact: Recovery, runs: LegCase) -> None:
     """Spelled out once more from the bodies, by hand."""
     estimate = exact.leg.estimate
     for link in exact.leg.leg.links:
@@ -65,7 +65,7 @@ def test_consistent_solution_recovers_a_possible_leg(possible: Recovery) -> None
     assert possible.worst(possible.combinations) < 1e-6
 
 
-def test_consistent_solution_of_an_impossible_leg_is_possible_and_predicts_worse(runs: LegRuns) -> None:
+def test_consistent_solution_of_an_impossible_leg_is_possible_and_predicts_worse(runs: LegCase) -> None:
     """No real body has the simulated moments; then even what noiseless data fix has to give way."""
     log = runs.recorded(runs.paper_truth, runs.motion)
     found = Recovery.of(runs.identified_exact(log, "consistent"), runs.paper_truth)
@@ -74,7 +74,7 @@ def test_consistent_solution_of_an_impossible_leg_is_possible_and_predicts_worse
     assert found.worst(found.combinations) > 1e-3
 
 
-def test_error_squared_is_one_on_average_where_the_covariance_is_right(runs: LegRuns) -> None:
+def test_error_squared_is_one_on_average_where_the_covariance_is_right(runs: LegCase) -> None:
     """Monte Carlo over estimates drawn from the covariance that they state."""
     log = runs.sensed(runs.recorded(runs.physical_truth, runs.motion))
     found = Recovery.of(runs.identified_sensed(log), runs.physical_truth)
@@ -88,8 +88,8 @@ def test_error_squared_is_one_on_average_where_the_covariance_is_right(runs: Leg
     assert replace(found, leg=replace(found.leg, estimate=tighter)).nees == pytest.approx(4.0 * found.nees)
 
 
-def test_draws_depend_on_the_seed_alone_and_differ_from_one_another(runs: LegRuns) -> None:
-    again, other = LegRuns(runs.seed, runs.size), LegRuns(runs.seed + 1, runs.size)
+def test_draws_depend_on_the_seed_alone_and_differ_from_one_another(runs: LegCase) -> None:
+    again, other = (replace(runs, seed=seed) for seed in (runs.seed, runs.seed + 1))
     for link in runs.cad.leg(LEG).links:
         assert runs.paper_truth.inertias[link] == again.paper_truth.inertias[link]
         assert runs.paper_truth.inertias[link] != other.paper_truth.inertias[link]
@@ -99,7 +99,7 @@ def test_draws_depend_on_the_seed_alone_and_differ_from_one_another(runs: LegRun
     np.testing.assert_array_equal(runs.motion.frequencies, again.motion.frequencies)
 
 
-def test_cad_is_trusted_no_more_than_the_perturbation_allows(runs: LegRuns) -> None:
+def test_cad_is_trusted_no_more_than_the_perturbation_allows(runs: LegCase) -> None:
     """The width covers a displacement of COM_STD across the thinnest link, and is never below the usual one."""
     assert runs.width.shape >= PriorWidth().shape
     thinnest = COM_STD / runs.width.shape

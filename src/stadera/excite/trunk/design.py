@@ -31,45 +31,28 @@ from stadera.types import Array, Progress
 
 @dataclass(frozen=True)
 class RoutineSettings:
-    """Settings of a weighing routine.
+    """Settings of a weighing routine."""
 
-    Attributes:
-        seconds: from rest to rest [s]. It is done twice: without and with the load.
-        rate: of the table, and of the log to be recorded [Hz].
-        seed: of all draws.
-        axes: coordinates that move, of `AXES`; a robot's own body control may not have all.
-        load: payload for which bars are predicted, share of the robot's mass [1].
-        heaviest: payload with which the motion stays within the bounds, likewise.
-        angle: largest roll, pitch and yaw [rad]. shift: largest x, y and z, share of the leg's length [1].
-        frequencies: lowest and highest [Hz]. Faster ones are filtered by a robot's own body control.
-        fade: at each end [s].
-        margins: from the joints' limits.
-        pressed: least normal force of a foot, share of the mean one [1].
-        cone: largest tangential over normal force of a foot [1]; rubber on a dry floor has 0.6 and more.
-        others: share of drawn motions in which a coordinate besides roll and pitch moves [1].
-        draws, steps: number of motions drawn, and of steps from the best.
-        drawn: number of robots drawn for the bars that are shown.
-        look_rate: sampling rate at which motions are compared [Hz].
-    """
-
-    seconds: float = 5.0
-    rate: float = 100.0
-    seed: int = 0
-    axes: tuple[str, ...] = AXES
-    load: float = 0.1
-    heaviest: float = 0.2
-    angle: float = float(np.deg2rad(20.0))
-    shift: float = 0.2
+    seconds: float = 5.0  # from rest to rest [s]. It is done twice: without and with the load.
+    rate: float = 100.0  # of the table, and of the log to be recorded [Hz]
+    seed: int = 0  # of all draws
+    axes: tuple[str, ...] = AXES  # coordinates that move, of `AXES`; a robot's own body control may not have all
+    load: float = 0.1  # payload for which bars are predicted, share of the robot's mass [1]
+    heaviest: float = 0.2  # payload with which the motion stays within the bounds, likewise
+    angle: float = float(np.deg2rad(20.0))  # largest roll, pitch and yaw [rad]
+    shift: float = 0.2  # largest x, y and z, share of the leg's length [1]
+    # lowest and highest [Hz]. Faster ones are filtered by a robot's own body control.
     frequencies: tuple[float, float] = (0.4, 1.6)
-    fade: float = 0.5
-    margins: Margins = field(default_factory=Margins)
-    pressed: float = 0.1
-    cone: float = 0.5
-    others: float = 0.3
+    fade: float = 0.5  # at each end [s]
+    margins: Margins = field(default_factory=Margins)  # from the joints' limits
+    pressed: float = 0.1  # least normal force of a foot, share of the mean one [1]
+    cone: float = 0.5  # largest tangential over normal force of a foot [1]; rubber on a dry floor has 0.6 and more
+    others: float = 0.3  # share of drawn motions in which a coordinate besides roll and pitch moves [1]
+    # draws, steps: number of motions drawn, and of steps from the best
     draws: int = 12
     steps: int = 12
-    drawn: int = 3
-    look_rate: float = 200.0
+    drawn: int = 3  # number of robots drawn for the bars that are shown
+    look_rate: float = 200.0  # sampling rate at which motions are compared [Hz]
 
     def __post_init__(self) -> None:
         names = ("seconds", "rate", "load", "heaviest", "angle", "shift", "fade", "pressed", "cone", "look_rate")
@@ -130,11 +113,9 @@ def weighing_routine(
 
 @lru_cache(maxsize=64)
 def undesigned_bars(robot: Robot, load: float) -> PayloadBars | None:
-    """Error bars of a payload, `load` as a share of the robot's mass, to expect from five seconds of any sway
-    within its bounds; a designed one is better. None if no sway of a few that were drawn determines it.
-
-    Raises:
-        ModelError: the robot has no nominal stance.
+    """Error bars of a payload, `load` as a share of the robot's mass, to expect from five seconds of any sway within
+    its bounds; a designed one is better. None if no sway of a few that were drawn determines it. Raises ModelError: the
+    robot has no nominal stance.
     """
     search, rng = _Search(robot, RoutineSettings(load=load)), np.random.default_rng(0)
     for _ in range(3):
@@ -146,10 +127,8 @@ def undesigned_bars(robot: Robot, load: float) -> PayloadBars | None:
 
 @lru_cache(maxsize=64)
 def bars_of_steps(robot: Robot, load: float, steps: int = 10) -> PayloadBars | None:
-    """The same of slow steps, without and with the load; None if they do not determine it.
-
-    Raises:
-        ModelError: the robot has no nominal stance.
+    """The same of slow steps, without and with the load; None if they do not determine it. Raises ModelError: the robot
+    has no nominal stance.
     """
     settings, payload = (
         RoutineSettings(),

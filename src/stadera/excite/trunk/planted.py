@@ -46,65 +46,43 @@ AXES = ("roll", "pitch", "yaw", "x", "y", "z")
 
 @dataclass(frozen=True)
 class Steps:
-    """Steps of a walk, slow enough that no foot has to pull. Times are in √(leg's length / g), 0.2 s of a Go2.
+    """Steps of a walk, slow enough that no foot has to pull. Times are in √(leg's length / g), 0.2 s of a Go2."""
 
-    Attributes:
-        seconds: of each [1]. shifted: of these for moving the trunk, before the foot is lifted [1]. unloading: within
-            which the foot's load goes to the others, before it is lifted and after [1].
-        height: of the foot, share of the leg's length [1].
-        stride: of a foot, likewise.
-        above: how far the trunk moves from above the middle of all feet to that of those that stand [1].
-    """
-
-    seconds: float = 5.0
-    shifted: float = 3.2
-    unloading: float = 0.5
-    height: float = 0.15
-    stride: float = 0.2
-    above: float = 0.9
+    seconds: float = 5.0  # of each [1]
+    shifted: float = 3.2  # of these for moving the trunk, before the foot is lifted [1]
+    unloading: float = 0.5  # within which the foot's load goes to the others, before it is lifted and after [1]
+    height: float = 0.15  # of the foot, share of the leg's length [1]
+    stride: float = 0.2  # of a foot, likewise
+    above: float = 0.9  # how far the trunk moves from above the middle of all feet to that of those that stand [1]
 
 
 @dataclass(frozen=True, eq=False)
 class Planted:
-    """A standing robot in motion, N samples of n joints and L legs.
+    """A standing robot in motion, N samples of n joints and L legs."""
 
-    Attributes:
-        robot: the robot.
-        time: (N,) [s].
-        pose: (N, 6) [rad, m], coordinates `AXES` of the trunk relative to the stance.
-        motion: of its joints and trunk.
-        carries: (N, L), share of its usual part that each foot carries [1]; zero in the air.
-    """
-
-    robot: Robot
-    time: Array
-    pose: Array
-    motion: Motion
-    carries: Array
+    robot: Robot  # the robot
+    time: Array  # (N,) [s]
+    pose: Array  # (N, 6) [rad, m], coordinates `AXES` of the trunk relative to the stance
+    motion: Motion  # of its joints and trunk
+    carries: Array  # (N, L), share of its usual part that each foot carries [1]; zero in the air
 
     @classmethod
     def of(cls, robot: Robot, path: Sinusoids, rate: float) -> Planted:
-        """The robot's motion for a path of the trunk with the coordinates `AXES`, sampled at `rate` [Hz].
-
-        Raises:
-            IdentificationError: a foot cannot stay where it is.
-            ModelError: the robot has no nominal stance.
+        """The robot's motion for a path of the trunk with the coordinates `AXES`, sampled at `rate` [Hz]. Raises
+        IdentificationError: a foot cannot stay where it is. ModelError: the robot has no nominal stance.
         """
-        reference = path.sample(rate)
-        moved = reference.motion
-        legs = np.ones((len(reference.time), len(robot.legs)))
+        moved = path.sample(rate)
+        legs = np.ones((len(moved), len(robot.legs)))
         pose = moved.position, moved.velocity, moved.acceleration
-        return cls._of(robot, reference.time, pose, np.zeros((*legs.shape, 3)), legs)
+        return cls._of(robot, moved.time, pose, np.zeros((*legs.shape, 3)), legs)
 
     @classmethod
-    def stepping(cls, robot: Robot, steps: int, rate: float, how: Steps | None = None) -> Planted:
+    def stepping(cls, robot: Robot, steps: int, rate: float) -> Planted:
         """A robot that walks so many steps forwards, a foot after the other, its trunk above the feet that stand.
-
-        Raises:
-            IdentificationError: a foot cannot be where it should, or too few stand while one steps.
-            ModelError: the robot has no nominal stance.
+        Raises IdentificationError: a foot cannot be where it should, or too few stand while one steps. ModelError: the
+        robot has no nominal stance.
         """
-        how, legs, still = how or Steps(), len(robot.legs), np.zeros((2, 6))
+        how, legs, still = Steps(), len(robot.legs), np.zeros((2, 6))
         unit = float(np.sqrt(robot.leg_length / GRAVITY))
         seconds, shifted, unloading = unit * how.seconds, unit * how.shifted, unit * how.unloading
         order = range(legs) if legs < 4 else (2, 0, 3, 1, *range(4, legs))
@@ -226,16 +204,11 @@ def planted_joints(robot: Robot, turn: Array, shift: Array, moved: Array, solved
 
 @dataclass(frozen=True)
 class PayloadBars:
-    """Standard deviations of a payload.
+    """Standard deviations of a payload."""
 
-    Attributes:
-        mass: without the torques' common scale [kg]. scale: of that scale, share of the mass [1].
-        com: (3,) of its centre in trunk axes [m], NaN where it is not observed.
-    """
-
-    mass: float
-    scale: float
-    com: tuple[float, float, float]
+    mass: float  # without the torques' common scale [kg]
+    scale: float  # of that scale, share of the mass [1]
+    com: tuple[float, float, float]  # (3,) of its centre in trunk axes [m], NaN where it is not observed
 
     def score(self, unobserved: float) -> float:
         """Sum of the logarithms of the four, with `unobserved` [m] for a component that is not: less is better."""

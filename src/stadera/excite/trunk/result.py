@@ -32,24 +32,15 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Routine(Result):
-    """A weighing routine: the robot does it without and with the load, which is weighed by the two logs.
+    """A weighing routine: the robot does it without and with the load, which is weighed by the two logs."""
 
-    Attributes:
-        robot: the robot. settings: as requested.
-        path: of the trunk, in the coordinates `AXES`.
-        planted: the motion at the table's rate, feet in place.
-        torque: (n,) largest torque of each joint [N·m], bare and with the heaviest load.
-        expected: error bars of a payload of `load` [kg] to expect from a log without and one with it.
-        load: [kg].
-    """
-
-    robot: Robot
-    settings: RoutineSettings
-    path: Sinusoids
-    planted: Planted
-    torque: Array
-    expected: PayloadBars
-    load: float
+    robot: Robot  # the robot
+    settings: RoutineSettings  # as requested
+    path: Sinusoids  # of the trunk, in the coordinates `AXES`
+    planted: Planted  # the motion at the table's rate, feet in place
+    torque: Array  # (n,) largest torque of each joint [N·m], bare and with the heaviest load
+    expected: PayloadBars  # error bars of a payload of `load` [kg] to expect from a log without and one with it
+    load: float  # [kg]
 
     @property
     def peaks(self) -> Array:
@@ -68,22 +59,16 @@ class Routine(Result):
         return {"time": planted.time, **trunk, **joints}
 
     def save_table(self, path: str | PathLike[str]) -> None:
-        """Writes `columns` as .csv or .parquet, completely or not at all.
-
-        Raises:
-            RecordingError: another suffix.
-            StaderaError: the path cannot be written.
+        """Writes `columns` as .csv or .parquet, completely or not at all. Raises RecordingError: another suffix.
+        StaderaError: the path cannot be written.
         """
         from stadera.logs.frames import write_columns
 
         write_columns(self.columns, path)
 
     def save_player(self, path: str | PathLike[str], interface: str) -> None:
-        """Writes a script that plays the motion on a robot, see `stadera.excite.trunk.result.player`.
-
-        Raises:
-            UnknownNameError: no such interface.
-            StaderaError: the path cannot be written.
+        """Writes a script that plays the motion on a robot, see `stadera.excite.trunk.result.player`. Raises
+        UnknownNameError: no such interface. StaderaError: the path cannot be written.
         """
         from stadera.files import write_text
 
@@ -148,15 +133,10 @@ class Routine(Result):
 
 @dataclass(frozen=True)
 class Interface:
-    """What a robot's own body control takes.
+    """What a robot's own body control takes."""
 
-    Attributes:
-        axes: coordinates of the trunk that it takes.
-        rate: of commands [Hz].
-    """
-
-    axes: tuple[str, ...]
-    rate: float
+    axes: tuple[str, ...]  # coordinates of the trunk that it takes
+    rate: float  # of commands [Hz]
 
 
 _TURNS = ("roll", "pitch", "yaw")
@@ -181,11 +161,8 @@ def interface_named(name: str) -> Interface:
 
 
 def player(routine: Routine, name: str) -> str:
-    """The text of a script that plays a routine over the interface of that name.
-
-    Raises:
-        UnknownNameError: no such interface.
-        IdentificationError: the motion has a coordinate that the interface does not take.
+    """The text of a script that plays a routine over the interface of that name. Raises UnknownNameError: no such
+    interface. IdentificationError: the motion has a coordinate that the interface does not take.
     """
     interface = interface_named(name)
     reference = routine.path.sample(interface.rate)
@@ -195,7 +172,7 @@ def player(routine: Routine, name: str) -> str:
             f"{name} does not move {', '.join(left)}; design with axes {', '.join(interface.axes)}"
         )
     columns = [AXES.index(axis) for axis in interface.axes]
-    speed = np.abs(reference.motion.velocity[:, columns]).max(axis=0)
+    speed = np.abs(reference.velocity[:, columns]).max(axis=0)
     rows = ["    (" + ", ".join(f"{v:.4f}" for v in row) + ")," for row in reference.position[:, columns]]
     return filled(
         Path(__file__).with_name("players") / f"{name}.py.j2",

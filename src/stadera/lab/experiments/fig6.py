@@ -7,14 +7,13 @@ import numpy as np
 
 from stadera.lab.control.stand import TestBed
 from stadera.lab.control.trunk import TrunkController
-from stadera.lab.experiments.runner import ExperimentResult, Paper, Record, ReproduceSettings
+from stadera.lab.experiments.runner import ExperimentResult, Paper, Record, ReproduceSettings, crossed
 from stadera.lab.experiments.standing import load_point
 from stadera.lab.laws.recursive import ContactCom, LawSettings, settling_time
 from stadera.lab.plant.payload import VirtualForce
 from stadera.lab.plant.plant import Plant
 from stadera.lab.plant.sensors import IDEAL, Sensors
 from stadera.report.figures import Axis, Figure, Guide, Panel, Series, line, stacked
-from stadera.report.table import Cell, TableData
 from stadera.robot import load_robot
 from stadera.robot.stance import standing_configuration
 from stadera.trunk import ContactForceEstimator
@@ -94,9 +93,12 @@ def cases(settings: ReproduceSettings) -> list[Fig6Case]:
 
 
 def summary(_: Sequence[Fig6Case], ways: Sequence[Settling]) -> ExperimentResult:
+    records = [record for way in ways for record in _records(way)]
+    note = "In brackets the paper's. The settling time is that after which 5 % of an error is left."
+    asked = "settling time asked for [s]"
     return PAPER.result(
-        [record for way in ways for record in _records(way)],
-        [_table(ways)],
+        records,
+        [crossed("How fast", records, lambda r: "", lambda r: f"{r.case[asked]} s", Record.label, asked, note)],
         [_figure(way) for way in ways],
         {"Robot": "hyq", "Load": f"{_HOW.load:g} N", "Plant": "MuJoCo, 1 kHz, controller and estimator in the loop"},
     )
@@ -113,24 +115,6 @@ def _records(way: Settling) -> tuple[Record, ...]:
         PAPER.record(case, "‖δ‖ in x-y when the load comes on", "cm", 100 * float(way.error[0])),
         PAPER.record(case, "‖δ‖ in x-y at the end", "cm", 100 * float(way.error[-1])),
     )
-
-
-def _table(ways: Sequence[Settling]) -> TableData:
-    head = ("settling time asked for", "‖δ‖ at first [cm]", "under 2 mm after [s] (paper)", "‖δ‖ at the end [cm]")
-    rows = [
-        (
-            f"{way.settling:.2f} s",
-            f"{100 * way.error[0]:.2f}",
-            Cell(
-                f"{way.reached:.2f} ({PAPER.values['reached']:g})",
-                strong=True,
-                good=way.reached <= PAPER.bounds["reached"],
-            ),
-            f"{100 * way.error[-1]:.4f}",
-        )
-        for way in ways
-    ]
-    return TableData.of("How fast", head, rows, "The settling time is that after which 5 % of an error is left.")
 
 
 def _figure(way: Settling) -> Figure:

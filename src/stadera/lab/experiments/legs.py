@@ -39,26 +39,24 @@ COM_STD, INERTIA_STD = 0.02, 0.02
 
 
 # -- simulated runs ---------------------------------------------------------------------------------------------------
-@dataclass(frozen=True)
-class Size:
-    """Duration of a log [s], and its sampling rate [Hz]."""
+@dataclass(frozen=True, eq=False)
+class LegCase:
+    """One identification in simulation, `part` of its experiment, and what is drawn for its seed: two motions and two
+    truths. Estimators only get the recordings and `cad`.
+    """
 
-    duration: float
-    rate: float
+    part: str
+    seed: int
+    quick: bool
+
+    @property
+    def size(self) -> tuple[float, float]:
+        """Duration of every log [s], and its sampling rate [Hz]."""
+        return (20.0, 250.0) if self.quick else (180.0, 1000.0)
 
     def __str__(self) -> str:
-        return f"{self.duration:g} s at {self.rate:g} Hz"
-
-
-FULL, QUICK = Size(180.0, 1000.0), Size(20.0, 250.0)
-
-
-@dataclass(frozen=True, eq=False)
-class LegRuns:
-    """Random draws for one seed: two motions and two truths. Estimators only get the recordings and `cad`."""
-
-    seed: int  # of the draws
-    size: Size  # of every log
+        duration, rate = self.size
+        return f"{duration:g} s at {rate:g} Hz"
 
     def _generator(self, draw: int) -> np.random.Generator:
         return np.random.default_rng(np.random.SeedSequence(self.seed).spawn(draw + 1)[draw])
@@ -81,16 +79,16 @@ class LegRuns:
     @cached_property
     def motion(self) -> Sinusoids:
         """The paper's random draw, for identification."""
-        return paper_draw(self.cad, LEG, self._generator(2), self.size.duration)
+        return paper_draw(self.cad, LEG, self._generator(2), self.size[0])
 
     @cached_property
     def second_motion(self) -> Sinusoids:
         """Another draw, for validation."""
-        return paper_draw(self.cad, LEG, self._generator(3), self.size.duration)
+        return paper_draw(self.cad, LEG, self._generator(3), self.size[0])
 
     def recorded(self, truth: Robot, motion: Sinusoids) -> Recording:
         """Exact position, velocity, acceleration and torque of a motion. Gains are computed from CAD."""
-        return simulate_leg(truth, LEG, motion.sample(self.size.rate), gains=Gains.scaled(self.cad, LEG))
+        return simulate_leg(truth, LEG, motion.sample(self.size[1]), gains=Gains.scaled(self.cad, LEG))
 
     def sensed(self, recording: Recording) -> Recording:
         """The recording with standard sensor errors, without acceleration."""
@@ -132,19 +130,6 @@ def _thinnest(robot: Robot, link: str) -> float:
     body = positive_definite(robot.inertias[link])
     second = body.shifted(-body.com).pseudo_inertia[:3, :3]
     return float(np.sqrt(np.linalg.eigvalsh(second).min() / body.mass))
-
-
-@dataclass(frozen=True)
-class LegCase:
-    """One identification in simulation; `part` names it within its experiment."""
-
-    part: str
-    seed: int
-    quick: bool
-
-    @property
-    def runs(self) -> LegRuns:
-        return LegRuns(self.seed, QUICK if self.quick else FULL)
 
 
 # -- real logs --------------------------------------------------------------------------------------------------------
@@ -240,14 +225,13 @@ _FIG4, _PLAIN = Paper.of("fig4"), ("prior", "identified")
 
 
 def _predicted(case: LegCase) -> Identification:
-    runs, exact = case.runs, case.part == "none"
-    truth = runs.paper_truth if exact else runs.physical_truth
-    first, second = (runs.recorded(truth, motion) for motion in (runs.motion, runs.second_motion))
-    if exact:
-        return runs.identified_exact(first, "null-space", second)
+    truth = case.paper_truth if case.part == "none" else case.physical_truth
+    first, second = (case.recorded(truth, motion) for motion in (case.motion, case.second_motion))
+    if case.part == "none":
+        return case.identified_exact(first, "null-space", second)
     later = first.time[-1] + (first.time[1] - first.time[0]) - second.time[0]
     both = concatenate([first, replace(second, time=second.time + later)])
-    return runs.identified_sensed(runs.sensed(both), split=0.5)
+    return case.identified_sensed(case.sensed(both), split=0.5)
 
 
 def _fig4(cases: Sequence[LegCase], found: Sequence[Identification]) -> ExperimentResult:
@@ -270,7 +254,7 @@ def _fig4(cases: Sequence[LegCase], found: Sequence[Identification]) -> Experime
         ),
         {
             "Robot": f"{ROBOT}, leg {LEG}, trunk held",
-            "Motions": f"two random draws, {cases[0].runs.size} each",
+            "Motions": f"two random draws, {cases[0]} each",
             "Seed": str(cases[0].seed),
         },
     )

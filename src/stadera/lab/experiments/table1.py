@@ -26,8 +26,8 @@ from stadera.identify.observability import Combination, Identifiability, Observa
 from stadera.identify.result import Identification, LegIdentification, Quantity
 from stadera.identify.settings import IdentifySettings
 from stadera.inertia import ORDER
-from stadera.lab.experiments.legs import LEG, LegCase, LegRuns, impossible_links, torque_figure
-from stadera.lab.experiments.runner import ExperimentResult, Paper, Record
+from stadera.lab.experiments.legs import LEG, LegCase, impossible_links, torque_figure
+from stadera.lab.experiments.runner import CaseValues, ExperimentResult, Paper, Record
 from stadera.report.figures import Axis, Figure, Panel, Series
 from stadera.report.table import Cell, Row, TableData
 from stadera.robot.model import Robot
@@ -184,33 +184,32 @@ class Worth:
 
 
 def _part(case: LegCase) -> Recovery | tuple[Worth, ...]:
-    runs = case.runs
     if case.part == "motion":
-        return _motion_worth(runs, case.quick)
+        return _motion_worth(case)
     if case.part == "exact":
-        log, second = (runs.recorded(runs.paper_truth, motion) for motion in (runs.motion, runs.second_motion))
-        return Recovery.of(runs.identified_exact(log, "null-space", second), runs.paper_truth)
-    log = runs.recorded(runs.physical_truth, runs.motion)
+        log, second = (case.recorded(case.paper_truth, motion) for motion in (case.motion, case.second_motion))
+        return Recovery.of(case.identified_exact(log, "null-space", second), case.paper_truth)
+    log = case.recorded(case.physical_truth, case.motion)
     if case.part == "possible":
-        return Recovery.of(runs.identified_exact(log, "consistent"), runs.physical_truth)
-    return Recovery.of(runs.identified_sensed(runs.sensed(log)), runs.physical_truth)
+        return Recovery.of(case.identified_exact(log, "consistent"), case.physical_truth)
+    return Recovery.of(case.identified_sensed(case.sensed(log)), case.physical_truth)
 
 
-def _motion_worth(runs: LegRuns, quick: bool) -> tuple[Worth, ...]:
+def _motion_worth(case: LegCase) -> tuple[Worth, ...]:
     """Evaluates the paper's draw and the optimised excitation, within the same bounds and time."""
-    bounds, noiseless, rate = LegBounds.of(runs.cad, LEG), 1e-7, 100.0  # [Hz], at which motions are evaluated
+    bounds, noiseless, rate = LegBounds.of(case.cad, LEG), 1e-7, 100.0  # [Hz], at which motions are evaluated
     noise = LegExperiment.usual(bounds).noise
-    noisy = LegExperiment(bounds, noise, runs.size.rate, FrictionModel())
-    exact = LegExperiment(bounds, noiseless * noise, runs.size.rate, FrictionModel())
-    search = FourierSearch(starts=1, iterations=10) if quick else FourierSearch(starts=2, iterations=40)
-    best = optimal_excitation(noisy, np.random.default_rng(runs.seed), runs.size.duration, search)
+    noisy = LegExperiment(bounds, noise, case.size[1], FrictionModel())
+    exact = LegExperiment(bounds, noiseless * noise, case.size[1], FrictionModel())
+    search = FourierSearch(starts=1, iterations=10) if case.quick else FourierSearch(starts=2, iterations=40)
+    best = optimal_excitation(noisy, np.random.default_rng(case.seed), case.size[0], search)
 
     def worth(name: str, reference: Reference) -> Worth:
         seen = noisy.observability(reference)
         observable = sum(v is Identifiability.OBSERVABLE for v in seen.verdicts())
         return Worth(name, exact.observability(reference).rank, seen.rank, observable, noisy.gain(reference))
 
-    motions = {"the paper's random draw": runs.motion, "optimised": best}
+    motions = {"the paper's random draw": case.motion, "optimised": best}
     return tuple(worth(name, motion.sample(rate)) for name, motion in motions.items())
 
 
@@ -218,7 +217,7 @@ def _summary(cases: Sequence[LegCase], found: Sequence[Any]) -> ExperimentResult
     exact, possible, noisy, worth = found
     estimate, note = exact.leg.estimate, "Not used to identify. The identified model's curves lie on the measured ones;"
     return PAPER.result(
-        (*_exact_records(exact), *_possible_records(possible), *_noisy_records(noisy), *_worth_records(worth)),
+        _records(exact, possible, noisy, worth),
         (*_link_tables(exact), _paper_table(PAPER.values["links"]), _combination_table(noisy), _worth_table(worth)),
         (
             torque_figure(exact.leg, "Torques on a second motion", f"{note} CAD's do not.", ("prior", "identified")),
@@ -226,7 +225,7 @@ def _summary(cases: Sequence[LegCase], found: Sequence[Any]) -> ExperimentResult
         ),
         {
             "Robot": f"{exact.truth.name}, leg {LEG}, trunk held",
-            "Motion": f"the paper's random sinusoids, {cases[0].runs.size}",
+            "Motion": f"the paper's random sinusoids, {cases[0]}",
             "Plant": "MuJoCo, PD-tracked",
             "Identified": f"{len(estimate.columns)} parameters, rank {estimate.observability.rank}",
             "Seed": str(cases[0].seed),
@@ -245,55 +244,38 @@ EXPERIMENT = PAPER.experiment(
 
 
 # -- records ----------------------------------------------------------------------------------------------------------
-def _case(perturbation: str, errors: str, found: Recovery) -> dict[str, str | float]:
+def _case(perturbation: str, errors: str, found: Recovery) -> CaseValues:
     return {"perturbation": perturbation, "sensor errors": errors, "method": found.leg.estimate.method}
 
 
-def _relative_records(case: dict[str, str | float], found: Recovery) -> tuple[Record, ...]:
-    bound = PAPER.bounds["relative"]
-    parameters, combinations = found.worst(found.parameters), found.worst(found.combinations)
-    return (
-        PAPER.record(case, "worst relative error, observable parameters", "1", parameters, bound=bound),
-        PAPER.record(case, "worst relative error, identifiable combinations", "1", combinations, bound=bound),
-    )
+def _exact_records(case: CaseValues, found: Recovery, paper: float | None = None) -> Iterator[Record]:
+    """Records of a leg identified without noise. The paper states 1 mm for observable components of its case."""
+    bounds = PAPER.bounds
+    for title, compared in (
+        ("observable parameters", found.parameters),
+        ("identifiable combinations", found.combinations),
+    ):
+        worst = found.worst(compared)
+        yield PAPER.record(case, f"worst relative error, {title}", "1", worst, bound=bounds["relative"])
+    yield PAPER.record(case, "worst error, observable CoM", "m", found.largest_error(found.coms), paper, bounds["com"])
 
 
-def _exact_records(found: Recovery) -> tuple[Record, ...]:
-    """Records of the paper's case. It states 1 mm for observable components, CAD for the others, and rank 12."""
-    case, paper, bounds = _case("the paper's", "none", found), PAPER.values, PAPER.bounds
-    com, rank = found.largest_error(found.coms), found.leg.estimate.observability.rank
-    return (
-        *_relative_records(case, found),
-        PAPER.record(case, "worst error, observable CoM", "m", com, paper["com"], bounds["com"]),
-        PAPER.record(case, "unobservable parameters, largest change from CAD", "SI", found.drift, 0.0, 0.0),
-        Record(PAPER.name, case, "rank, of 30", "1", rank, paper["rank"], bounds["rank"], "at least"),
-    )
-
-
-def _possible_records(found: Recovery) -> tuple[Record, ...]:
-    case, com = _case("physical", "none", found), found.largest_error(found.coms)
-    return (
-        *_relative_records(case, found),
-        PAPER.record(case, "worst error, observable CoM", "m", com, bound=PAPER.bounds["com"]),
-        PAPER.record(case, "links that no real body could be", "1", impossible_links(found.leg), bound=0.0),
-    )
-
-
-def _noisy_records(found: Recovery) -> tuple[Record, ...]:
-    case = _case("physical", "standard", found)
-    deviations = max(abs(c.deviations) for c in found.combinations)
-    rank = found.leg.estimate.observability.rank
-    return (
-        PAPER.record(case, "error of combinations, NEES / n", "1", found.nees, bound=found.nees_limit()),
-        PAPER.record(case, "worst error of a combination", "σ", deviations),
-        PAPER.record(case, "rank, of 33 with torque offsets", "1", rank),
-    )
-
-
-def _worth_records(worth: tuple[Worth, ...]) -> Iterator[Record]:
-    """Ranks and gains of each motion, the paper's first."""
-    for w in worth:
-        case, printed = {"motion": w.motion}, PAPER.values["rank"] if w is worth[0] else None
+def _records(exact: Recovery, possible: Recovery, noisy: Recovery, worth: tuple[Worth, ...]) -> Iterator[Record]:
+    """The paper's case, in which unobservable parameters are CAD's and the rank is 12; then ours."""
+    paper, case = PAPER.values, _case("the paper's", "none", exact)
+    yield from _exact_records(case, exact, paper["com"])
+    yield PAPER.record(case, "unobservable parameters, largest change from CAD", "SI", exact.drift, 0.0, 0.0)
+    rank = exact.leg.estimate.observability.rank
+    yield Record(PAPER.name, case, "rank, of 30", "1", rank, paper["rank"], PAPER.bounds["rank"], "at least")
+    case = _case("physical", "none", possible)
+    yield from _exact_records(case, possible)
+    yield PAPER.record(case, "links that no real body could be", "1", impossible_links(possible.leg), bound=0.0)
+    case, deviations = _case("physical", "standard", noisy), max(abs(c.deviations) for c in noisy.combinations)
+    yield PAPER.record(case, "error of combinations, NEES / n", "1", noisy.nees, bound=noisy.nees_limit())
+    yield PAPER.record(case, "worst error of a combination", "σ", deviations)
+    yield PAPER.record(case, "rank, of 33 with torque offsets", "1", noisy.leg.estimate.observability.rank)
+    for w, printed in zip(worth, (paper["rank"], None), strict=True):  # the paper's motion first
+        case = {"motion": w.motion}
         yield PAPER.record(case, "rank without noise, of 30", "1", w.rank, printed)
         yield PAPER.record(case, "rank with torque noise, of 30", "1", w.noisy_rank)
         yield PAPER.record(case, "information gain", "nat", w.gain)

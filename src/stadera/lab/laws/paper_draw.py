@@ -39,49 +39,43 @@ class DrawSettings:
         require_positive("setting of a draw", self, self.__dataclass_fields__)
 
 
+_SETTINGS = DrawSettings()
+
+
 def paper_draw(
-    robot: Robot,
-    leg: str,
-    rng: np.random.Generator,
-    duration: float = 180.0,
-    bounds: LegBounds | None = None,
-    settings: DrawSettings | None = None,
+    robot: Robot, leg: str, rng: np.random.Generator, duration: float = 180.0, bounds: LegBounds | None = None
 ) -> Sinusoids:
     """The paper's random sinusoids (see the module), within bounds, over a duration [s]; None for `LegBounds.of(robot,
-    leg)`. A draw that violates them is scaled towards the rest pose until it fits.
-
-    Raises:
-        UnknownNameError: no such leg.
-        IdentificationError: a duration under two seconds.
+    leg)`. A draw that violates them is scaled towards the rest pose until it fits. Raises UnknownNameError: no such
+    leg. IdentificationError: a duration under two seconds.
     """
-    bounds, settings = bounds or LegBounds.of(robot, leg), settings or DrawSettings()
+    bounds = bounds or LegBounds.of(robot, leg)
     check_duration(duration)
-    count = int(np.clip(duration // settings.segment, 1, settings.origins))
-    fade = min(settings.fade, duration / (2 * count + 1))
+    count = int(np.clip(duration // _SETTINGS.segment, 1, _SETTINGS.origins))
+    fade = min(_SETTINGS.fade, duration / (2 * count + 1))
     joints = len(bounds.joints)
     shape, shares = (count, joints, 1), _AMPLITUDE_SHARES[np.minimum(np.arange(joints), 2)]
     limits = [bounds.robot.limits[joint] for joint in bounds.joints]
     ranges = np.array([min(limit.upper - limit.lower, 2.0 * np.pi) for limit in limits])
-    largest = np.minimum(shares * ranges, settings.amplitude * (bounds.upper - bounds.lower))
+    largest = np.minimum(shares * ranges, _SETTINGS.amplitude * (bounds.upper - bounds.lower))
     frequencies = rng.uniform(*FREQUENCIES, shape)
     phases = rng.uniform(0.0, np.pi, shape)
     amplitudes = rng.uniform(0.0, 1.0, shape) * largest[:, None]
-    origins = gravity_shifting_poses(bounds, largest, count, settings)
+    origins = gravity_shifting_poses(bounds, largest, count)
     starts = np.linspace(0.0, duration - fade, count + 1)
     draw = Sinusoids(bounds.joints, bounds.rest, origins, amplitudes, frequencies, phases, starts, fade)
     return draw.drawn_in(fitting_factor(draw, bounds))
 
 
-def gravity_shifting_poses(bounds: LegBounds, room: Array, count: int, settings: DrawSettings | None = None) -> Array:
+def gravity_shifting_poses(bounds: LegBounds, room: Array, count: int) -> Array:
     """Poses with the most different gravity torques, (count, n) [rad], `room` (n,) inside the position bounds."""
-    settings = settings or DrawSettings()
-    poses, _ = poses_between(bounds.lower + room, bounds.upper - room, settings.candidates)
+    poses, _ = poses_between(bounds.lower + room, bounds.upper - room, _SETTINGS.candidates)
     torque = bounds.gravity_torque(poses)
     held = (np.abs(torque) <= bounds.effort).all(axis=1)
     if not held.any():
         raise IdentificationError(f"leg {bounds.leg}: no pose in reach can be held within the torque bounds")
     poses, torque = poses[held], torque[held]
-    clear = _most_clear(poses, room, bounds, settings.choice * count)
+    clear = _most_clear(poses, room, bounds, _SETTINGS.choice * count)
     poses, torque = poses[clear], torque[clear]
     spread = np.where(np.ptp(torque, axis=0) > 0, torque.std(axis=0), 1.0)
     torque = torque / spread
