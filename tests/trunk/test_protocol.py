@@ -6,12 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
 from stadera.errors import ModelError, RecordingError, StaderaError, UnknownNameError
 from stadera.lab.laws.static import MassEstimator
 from stadera.lab.plant.plant import Plant
 from stadera.lab.plant.sensors import IDEAL, SensorReading, Sensors, measurement_of, recording_of
+from stadera.lab.plant.terrain import Terrain
 from stadera.logs import Imu
 from stadera.robot import Robot, load_robot
 from stadera.robot.imu import ImuMount
@@ -37,8 +37,8 @@ def robot() -> Robot:
 
 def shaken(robot: Robot, steps: int) -> tuple[list[SensorReading], list[Plant]]:
     """Samples of a robot that falls and turns."""
-    plant, sensors = Plant(robot), Sensors(IDEAL, 0, robot)
-    plant.reset(standing_configuration(robot), Rotation.from_rotvec([0.3, -0.2, 0.4]).as_quat())
+    plant, sensors = Plant(robot, Terrain(slope=0.36, heading=-2.0)), Sensors(IDEAL, 0, robot)
+    plant.reset(standing_configuration(robot))
     samples = []
     for k in range(steps):
         plant.step(20.0 * np.sin(np.arange(12) + k))

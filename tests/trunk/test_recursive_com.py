@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from stadera.errors import IdentificationError, ModelError
+from stadera.errors import IdentificationError
 from stadera.lab.laws.orientation import OrientationCom, PostureLaw
 from stadera.lab.laws.recursive import ContactCom, LawSettings, Phase, Settled, settling_time, step_size
 from stadera.robot import load_robot
@@ -224,8 +224,6 @@ def test_orientation_finds_the_height_once_tilted() -> None:
         estimator.update(sprung(estimator, 0.02 * k))
     assert estimator.estimate().status is Status.CONVERGED
     assert error(estimator)[2] > 0.03
-    with pytest.raises(IdentificationError, match="tilted"):
-        estimator.look_for_height(Rotation.from_euler("y", 1.0, degrees=True).as_matrix())
     estimator.look_for_height(tilted)
     assert estimator.phase is Phase.HEIGHT
     for k in range(200, 450):
@@ -253,31 +251,3 @@ def test_orientation_says_when_there_is_none() -> None:
     for k in range(20):
         estimator.update(replace(TRUTH.measurement(0.02 * k, STANCE), rotation=None))
     assert estimator.estimate().reason.startswith("no orientation")
-
-
-@given(frequency=st.floats(4.0, 40.0), damping=st.floats(0.2, 1.5), lag=st.floats(0.0, 0.2), share=st.floats(0.8, 1.25))
-def test_the_bound_on_settling_is_where_the_loop_turns_unstable(
-    frequency: float, damping: float, lag: float, share: float
-) -> None:
-    """The roots of s (T s + 1) (s² + 2ζω s + ω²) + κ ω², found by themselves, against four times the least time."""
-    if abs(share - 1.0) < 1e-3:
-        return
-    period = 0.02
-    least = PostureLaw(STIFFNESS, LEVEL, frequency, damping, lag).fastest_settling(period)
-    rate = 3.0 / (least / 4.0) * share
-    T = lag + period
-    loop = np.polymul([T, 1.0, 0.0], [1.0, 2 * damping * frequency, frequency**2])
-    loop[-1] += rate * frequency**2
-    assert (np.roots(loop).real.max() > 0) == (share > 1.0)
-
-
-def test_a_settling_time_too_short_for_the_posture_is_refused() -> None:
-    with pytest.raises(ModelError, match=r"at least \d"):
-        OrientationCom(ROBOT, PostureLaw(STIFFNESS, LEVEL), settings=LawSettings(settling=0.1))
-
-
-def test_a_posture_is_checked_where_it_is_made() -> None:
-    with pytest.raises(ModelError, match="rotation"):
-        PostureLaw(STIFFNESS, 2.0 * LEVEL)
-    with pytest.raises(ModelError, match="stiffness"):
-        PostureLaw(np.array([1.0, -1.0, 1.0]), LEVEL)

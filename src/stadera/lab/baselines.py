@@ -118,18 +118,23 @@ class SignalBaseline(StepEstimator):
         span = float(samples.time[-1] - samples.time[0])
         alpha = (samples.angular_velocity[-1] - samples.angular_velocity[0]) / span
         joint_rate = (samples.velocity[-1] - samples.velocity[0]) / span
-        omega = inside.angular_velocity.mean(axis=0)
-        specific = force_at_origin(inside.specific_force.mean(axis=0), omega, self._lever, alpha)
-        motion = Motion(
-            inside.position.mean(axis=0)[None],
-            inside.velocity.mean(axis=0)[None],
-            joint_rate[None],
-            omega[None],
-            alpha[None],
-            specific[None],
-            specific / np.linalg.norm(specific),
+        q, rate, omega, felt, effort = (
+            values.mean(axis=0)[None]
+            for values in (
+                inside.position,
+                inside.velocity,
+                inside.angular_velocity,
+                inside.specific_force,
+                inside.effort,
+            )
         )
-        return motion, inside.effort.mean(axis=0)[None]
+        return self._moving(q, rate, joint_rate[None], omega, alpha[None], felt), effort
+
+    def _moving(self, q: Array, rate: Array, joint_rate: Array, omega: Array, alpha: Array, felt: Array) -> Motion:
+        """The motion by joints, gyro, its slope, and specific force at the IMU, (n, ...) each."""
+        specific = force_at_origin(felt, omega, self._lever, alpha)
+        up = specific.mean(axis=0)
+        return Motion(q, rate, joint_rate, omega, alpha, specific, up / np.linalg.norm(up))
 
     def _refuse(self, reason: str) -> None:
         now = self._now
@@ -167,18 +172,8 @@ class LeastSquaresTrunk(SignalBaseline):
         span = (samples.time[2:] - samples.time[:-2])[:, None]
         alpha = (samples.angular_velocity[2:] - samples.angular_velocity[:-2]) / span
         joint_rate = (samples.velocity[2:] - samples.velocity[:-2]) / span
-        specific = force_at_origin(inside.specific_force, inside.angular_velocity, self._lever, alpha)
-        up = specific.mean(axis=0)
-        motion = Motion(
-            inside.position,
-            inside.velocity,
-            joint_rate,
-            inside.angular_velocity,
-            alpha,
-            specific,
-            up / np.linalg.norm(up),
-        )
-        return motion, inside.effort
+        omega, felt = inside.angular_velocity, inside.specific_force
+        return self._moving(inside.position, inside.velocity, joint_rate, omega, alpha, felt), inside.effort
 
     def _learn(self, matrix: Array, target: Array, elapsed: float) -> tuple[Array, Array]:
         self._kept.append((matrix, target))

@@ -17,22 +17,15 @@ import numpy as np
 
 from stadera.errors import StaderaError
 from stadera.inertia import InertialParameters
-from stadera.lab.experiments.loaded_walk import (
-    LoadedWalk,
-    LoadedWalkCase,
-    LoadedWalkOutcome,
-    Supervision,
-    WalkOutcome,
-    box_at,
-)
+from stadera.lab.experiments.loaded_walk import LoadedWalk, LoadedWalkCase, LoadedWalkOutcome, WalkOutcome, box_at
 from stadera.lab.supervise.supervisor import NonstopSupervisor, StoppingSupervisor
 from stadera.results import finite_or_none
 from stadera.robot import load_robot
 from stadera.trunk.load import plain
 from stadera.types import Array, Bools
 
-PERIODS = 40
-"""Periods of 1 ms between two frames: 25 frames a second."""
+NAMES = ("without identification", "with identification")
+"""Names of the two runs."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,30 +46,29 @@ class Film:
     mass: Array  # (k, 3) [kg], of the trunk with its load: true, used by controller and planner, and estimated
     trunk_com: Array  # (k, 3, 2), the same of its centre of mass in x and y, trunk frame
     std: Array  # (k, 3), of the estimates of mass [kg], x and y. NaN for quantities without a present estimate.
-    state: tuple[str, ...]  # (k,) state of the supervisor; without one, the crawl's phase
 
     def __len__(self) -> int:
         return len(self.time)
 
 
 class Camera:
-    """Records a frame of a walk every `PERIODS`."""
+    """Records a frame of a walk every `periods`."""
+
+    periods = 40  # of 1 ms: 25 frames a second
 
     def __init__(self) -> None:
-        self._periods = -1
+        self._looks = -1
         self._frames: dict[str, list[Array]] = {field.name: [] for field in fields(Film)}
-        self._states: list[str] = []
 
     def look(self, walk: LoadedWalk) -> None:
         """Records a frame, if it is due."""
-        self._periods += 1
-        if self._periods % PERIODS == 0:
+        self._looks += 1
+        if self._looks % self.periods == 0:
             self._take(walk)
 
     def film(self) -> Film:
-        arrays = {name: np.array(frames) for name, frames in self._frames.items() if name != "state"}
-        arrays |= {name: arrays[name].astype(bool) for name in ("down", "limited")}
-        return Film(**arrays, state=tuple(self._states))  # type: ignore[arg-type]
+        arrays = {name: np.array(frames) for name, frames in self._frames.items()}
+        return Film(**arrays | {name: arrays[name].astype(bool) for name in ("down", "limited")})
 
     def _take(self, walk: LoadedWalk) -> None:
         plant, controller, supervisor = walk.bed.plant, walk.crawl.controller, walk.supervisor
@@ -104,7 +96,6 @@ class Camera:
         }
         for name, value in values.items():
             self._frames[name].append(np.array(value, dtype=float))
-        self._states.append(str(walk.crawl.phase if supervisor is None else supervisor.state))
 
 
 def _weighed(supervisor: NonstopSupervisor | StoppingSupervisor | None) -> tuple[Array, Array]:
@@ -137,11 +128,6 @@ class DemoSettings:
     classic: bool = False  # stop and weigh at rest, as in the paper, instead of weighing while walking
 
     @property
-    def supervisions(self) -> tuple[Supervision, Supervision]:
-        """Supervision of the two runs, in their order."""
-        return Supervision.NONE, Supervision.STOPPING if self.classic else Supervision.NONSTOP
-
-    @property
     def duration(self) -> float:
         """Duration of each run [s]."""
         return self.seconds or (14.0 if self.classic else 10.0)
@@ -154,14 +140,10 @@ class DemoRun:
     outcome: LoadedWalkOutcome
     film: Film
 
-    @property
-    def name(self) -> str:
-        return str(self.outcome.case.supervision)
-
 
 @dataclass(frozen=True, eq=False)
 class DemoResult:
-    """Both runs, in the order of `DemoSettings.supervisions`."""
+    """Both runs, in the order of `NAMES`."""
 
     settings: DemoSettings
     without: DemoRun
@@ -175,12 +157,11 @@ class DemoResult:
         """Both runs as plain values: SI units, trunk frame, times relative to the drop of the box, null for unobserved
         quantities.
 
-        Keys: robot, seed, load, without, with, runs, units. Of each run: outcome (walked, stuck or fell), reasons,
-        fell_after, distance (ahead since the load), commanded, steps_lost (null after a fall), least_margin and outside
-        (of the true centre of mass in the support polygon), mass_error and com_error (of the trunk as controller and
-        planner have it at the end, its centre of mass in x and y), trunk, truth; of the one with identification also
-        noticed_after, updated_after, known_after, payload and transitions. `runs` has both by the supervisor's name,
-        each with all of these, survived (that it walked), fall, state and steps.
+        Keys: robot, seed, load, without, with, units. Of each run: outcome (walked, stuck or fell), reasons,
+        fell_after, distance (ahead since the load), commanded, steps_lost (null after a fall), least_margin (of the
+        true centre of mass in the support polygon), mass_error and com_error (of the trunk as controller and planner
+        have it at the end, its centre of mass in x and y), trunk, truth; of the one with identification also
+        noticed_after, updated_after, payload and transitions.
         """
         settings, load = self.settings, true_load(self.identified.outcome)
         return {
@@ -188,8 +169,7 @@ class DemoResult:
             "seed": settings.seed,
             "load": {"mass": load.mass, "com": plain(load.com), "corner": settings.corner, "time": settings.load_at},
             "without": _outcome(self.without.outcome),
-            "with": _outcome(self.identified.outcome) | _reaction(self.identified),
-            "runs": {run.name: _outcome(run.outcome) | _reaction(run) | _course(run.outcome) for run in self.runs},
+            "with": _outcome(self.identified.outcome) | _reaction(self.identified.outcome),
             "units": {"time": "s", "mass": "kg", "com": "m", "margin": "m", "distance": "m"},
         }
 
@@ -197,10 +177,9 @@ class DemoResult:
 def run_demo(settings: DemoSettings | None = None, progress: Progress | None = None) -> DemoResult:
     """Makes both runs in parallel, in spawned processes: a script needs the usual `if __name__ == "__main__"`."""
     settings, context = settings or DemoSettings(), multiprocessing.get_context("spawn")
-    ways = settings.supervisions
-    with context.Manager() as manager, ProcessPoolExecutor(len(ways), context) as pool:
+    with context.Manager() as manager, ProcessPoolExecutor(2, context) as pool:
         messages = manager.Queue()
-        futures = [pool.submit(_run, settings, way, messages) for way in ways]
+        futures = [pool.submit(_run, settings, identified, messages) for identified in (False, True)]
         _report(messages, futures, progress)
         runs = [future.result() for future in futures]
     for run in runs:
@@ -209,21 +188,19 @@ def run_demo(settings: DemoSettings | None = None, progress: Progress | None = N
     return DemoResult(settings, *runs)  # type: ignore[arg-type]
 
 
-def one_run(settings: DemoSettings, supervision: Supervision, progress: Progress | None = None) -> DemoRun:
+def one_run(settings: DemoSettings, identified: bool, progress: Progress | None = None) -> DemoRun:
     """Makes one of the two runs in this process."""
-    robot = load_robot(settings.robot)
-    box = box_at(robot, settings.corner, settings.mass, settings.size, settings.height)
+    robot, with_it = load_robot(settings.robot), StoppingSupervisor if settings.classic else NonstopSupervisor
     case = LoadedWalkCase(
         robot=settings.robot,
-        payload=box,
+        payload=box_at(robot, settings.corner, settings.mass, settings.size, settings.height),
         load_at=settings.load_at,
-        supervision=supervision,
+        supervisor=with_it if identified else None,
         seconds=settings.duration,
         speed=settings.speed,
         seed=settings.seed,
     )
-    walk, camera, name = LoadedWalk(case), Camera(), str(supervision)
-    periods = 0
+    walk, camera, name, periods = LoadedWalk(case), Camera(), NAMES[identified], 0
 
     def watch(walk: LoadedWalk) -> None:
         nonlocal periods
@@ -234,28 +211,23 @@ def one_run(settings: DemoSettings, supervision: Supervision, progress: Progress
         periods += 1
 
     outcome = walk.run(watch)
-    if outcome.verdict.outcome is WalkOutcome.FELL:
-        _lie_down(walk, camera, settings.after_fall)
+    if outcome.trace.outcome is WalkOutcome.FELL:
+        walk.give_up("it has fallen")
+        for _ in range(round(settings.after_fall / walk.bed.plant.timestep)):
+            walk.step()
+            camera.look(walk)
     if progress:
-        progress(name, 1.0, str(outcome.verdict.outcome))
+        progress(name, 1.0, str(outcome.trace.outcome))
     return DemoRun(outcome, camera.film())
 
 
-def _lie_down(walk: LoadedWalk, camera: Camera, seconds: float) -> None:
-    """Records the robot after a fall, when the outcome is known, with its drives braking."""
-    walk.give_up("it has fallen")
-    for _ in range(round(seconds / walk.bed.plant.timestep)):
-        walk.step()
-        camera.look(walk)
-
-
-def _run(settings: DemoSettings, way: Supervision, messages: Queue[Message]) -> DemoRun | str:
+def _run(settings: DemoSettings, identified: bool, messages: Queue[Message]) -> DemoRun | str:
     """Makes the run; returns an error as text, since not every exception can be passed between processes."""
     from threadpoolctl import threadpool_limits
 
     with threadpool_limits(1):  # two runs, two cores
         try:
-            return one_run(settings, way, lambda *message: messages.put(message))
+            return one_run(settings, identified, lambda *message: messages.put(message))
         except StaderaError as error:
             return str(error)
 
@@ -272,23 +244,16 @@ def _report(messages: Queue[Message], futures: list[Future[DemoRun | str]], prog
             progress(*message)
 
 
-KNOWN = (0.1, 0.03)
-"""Accuracy at which the trunk counts as known: two standard deviations of its mass, as a share of the robot's, and of
-its centre of mass in x and y [m].
-"""
-
-
 def _outcome(outcome: LoadedWalkOutcome) -> dict[str, Any]:
     trace, model, truth = outcome.trace, outcome.model, outcome.truth
     return {
-        "outcome": str(outcome.verdict.outcome),
-        "reasons": list(outcome.verdict.reasons),
+        "outcome": str(trace.outcome),
+        "reasons": list(trace.reasons),
         "fell_after": None if trace.fall is None else trace.fall.time - trace.loaded_at,
         "distance": trace.distance,
         "commanded": trace.commanded,
         "steps_lost": trace.steps_lost if trace.fall is None else None,
-        "least_margin": finite_or_none(outcome.least_margin_ever),
-        "outside": outcome.outside,
+        "least_margin": finite_or_none(trace.least_margin),
         "mass_error": model.mass - truth.mass,
         "com_error": outcome.com_error,
         "trunk": {"mass": model.mass, "com": plain(model.com_trunk)},
@@ -296,37 +261,14 @@ def _outcome(outcome: LoadedWalkOutcome) -> dict[str, Any]:
     }
 
 
-def _reaction(run: DemoRun) -> dict[str, Any]:
-    outcome = run.outcome
+def _reaction(outcome: LoadedWalkOutcome) -> dict[str, Any]:
     payload, trunk = outcome.payload, load_robot(outcome.case.robot).trunk
     return {
-        "noticed_after": finite_or_none(outcome.noticed_after),
+        "noticed_after": outcome.noticed_after,
         "updated_after": outcome.updated_after,
-        "known_after": known_after(run),
         "payload": None if payload is None else payload.to_dict(trunk, {}),
         "transitions": [transition.to_dict() for transition in outcome.transitions],
     }
-
-
-def _course(outcome: LoadedWalkOutcome) -> dict[str, Any]:
-    trace = outcome.trace
-    return {
-        "survived": outcome.verdict.outcome is WalkOutcome.WALKED,
-        "fall": None if trace.fall is None else {"time": trace.fall.time, "how": trace.fall.how},
-        "state": str(outcome.state),
-        "steps": list(trace.steps),
-    }
-
-
-def known_after(run: DemoRun) -> float | None:
-    """Time from the drop until the trunk was known to `KNOWN`, and stayed so [s]; None if it never was."""
-    loaded_at, film = run.outcome.trace.loaded_at, run.film
-    share, length = KNOWN
-    limits = np.array([share * load_robot(run.outcome.case.robot).mass, length, length])
-    known = (2.0 * film.std <= limits).all(axis=1)
-    unknown = np.flatnonzero(~known & (film.time >= loaded_at))
-    first = int(np.searchsorted(film.time, loaded_at)) if not len(unknown) else int(unknown[-1]) + 1
-    return float(film.time[first] - loaded_at) if first < len(film) else None
 
 
 def true_load(outcome: LoadedWalkOutcome) -> InertialParameters:

@@ -89,28 +89,17 @@ class Drive:
 
 @dataclass(frozen=True, eq=False)
 class Replay(Result):
-    """Result of `replay`.
+    """Result of `replay`."""
 
-    Attributes:
-        source: the log.
-        joints: their names.
-        windows: [s].
-        begins: (rollouts,) [s], from the log's beginning.
-        time: (samples,) [s], from a rollout's beginning.
-        recorded: paths (rollouts, samples, joints) [rad].
-        paths: likewise by model, the first is the one that is tested.
-        lag: of the torques [s]. gains: of the controller; None for torques alone.
-    """
-
-    source: str
-    joints: tuple[str, ...]
-    windows: tuple[float, ...]
-    begins: Array
-    time: Array
-    recorded: Array
-    paths: Mapping[str, Array]
-    lag: float
-    gains: PdGains | None
+    source: str  # the log
+    joints: tuple[str, ...]  # their names
+    windows: tuple[float, ...]  # [s]
+    begins: Array  # (rollouts,) [s], from the log's beginning
+    time: Array  # (samples,) [s], from a rollout's beginning
+    recorded: Array  # paths (rollouts, samples, joints) [rad]
+    paths: Mapping[str, Array]  # likewise by model, the first is the one that is tested
+    lag: float  # of the torques [s]
+    gains: PdGains | None  # of the controller; None for torques alone
 
     def rmse(self, model: str, window: float) -> Array:
         """Root mean square error over all rollouts of this length [s], (joints,) [rad]."""

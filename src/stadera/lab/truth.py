@@ -42,25 +42,18 @@ class TruthAt:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values."""
-        load = {"mass": self.payload_mass, "com": list(self.payload_com or ())}
-        return {
-            "time": self.time,
-            "mass": self.mass,
-            "com": list(self.com),
-            "inertia": dict(zip(TENSOR, self.inertia, strict=True)),
-            "payload": None if self.payload_com is None else load | ({"link": self.link} if self.link else {}),
-        }
+        found = {name: getattr(self, name) for name in ("time", "mass", "com")}
+        load = {"mass": self.payload_mass, "com": self.payload_com} | ({"link": self.link} if self.link else {})
+        inertia = dict(zip(TENSOR, self.inertia, strict=True))
+        return found | {"inertia": inertia, "payload": None if self.payload_com is None else load}
 
     @classmethod
     def from_dict(cls, value: dict[str, Any]) -> Self:
         """From `to_dict`."""
-        load = value["payload"] or {"mass": 0.0, "com": None}
-        com = load["com"] and _floats(load["com"])
-        inertia = _floats(value["inertia"].values())
-        found = cls(
-            float(value["time"]), float(value["mass"]), _floats(value["com"]), inertia, float(load["mass"]), com
-        )
-        return replace(found, link=load.get("link"))
+        found = cls(value["time"], value["mass"], _floats(value["com"]), _floats(value["inertia"].values()))
+        if (load := value["payload"]) is None:
+            return found
+        return replace(found, payload_mass=load["mass"], payload_com=_floats(load["com"]), link=load.get("link"))
 
 
 @dataclass(frozen=True)
@@ -89,6 +82,9 @@ class Truth:
         return next((m for m in reversed(self.moments) if m.time <= time), self.moments[0])
 
 
+_PLAIN = ("robot", "scenario", "errors", "seed", "slope")
+
+
 def truth_paths(log: str | PathLike[str]) -> tuple[Path, Path]:
     """Paths of a log's truth: its JSON, and the table of true motion and forces (in the log's format)."""
     path = Path(log)
@@ -98,7 +94,7 @@ def truth_paths(log: str | PathLike[str]) -> tuple[Path, Path]:
 def truth_json(truth: Truth) -> dict[str, Any]:
     """The truth as plain values; SI units, trunk frame."""
     return {
-        **{name: getattr(truth, name) for name in ("robot", "scenario", "errors", "seed", "slope")},
+        **{name: getattr(truth, name) for name in _PLAIN},
         "controller": {"angular_stiffness": list(truth.stiffness)},
         "trunk": [moment.to_dict() for moment in truth.moments],
         **({} if truth.drawn is None else {"drawn": truth.drawn}),
@@ -112,16 +108,13 @@ def read_truth(path: str | PathLike[str]) -> Truth:
     require_input(path)
     with foreign(path, "not the truth of a simulated run (LOG.truth.json)"):
         value = json.loads(path.read_text(encoding="utf-8"))
+        fell = value.get("fell")
         return Truth(
-            robot=str(value["robot"]),
-            scenario=str(value["scenario"]),
-            errors=str(value["errors"]),
-            seed=int(value["seed"]),
-            slope=float(value["slope"]),
+            **{name: value[name] for name in _PLAIN},
             stiffness=_floats(value["controller"]["angular_stiffness"]),
             moments=tuple(map(TruthAt.from_dict, value["trunk"])),
             drawn=value.get("drawn"),
-            fell=(float(value["fell"]["time"]), str(value["fell"]["how"])) if "fell" in value else None,
+            fell=fell and (fell["time"], fell["how"]),
         )
 
 

@@ -58,7 +58,7 @@ def test_walks_at_the_speed_it_is_told_with_a_load_it_knows(name: str) -> None:
     start = test.plant.state.position
     assert walk_on(test, crawl.settings.cycle, judge) is None
     assert (test.plant.state.position - start)[0] / crawl.settings.cycle == pytest.approx(0.1, rel=0.2)
-    assert np.nanmin(judge.margins) > 0.5 * crawl.settings.margin
+    assert np.nanmin(judge.history["margin"]) > 0.5 * crawl.settings.margin
     assert np.rad2deg(judge.tilt()) < 1.0
     assert not crawl.failed
     swung = [event.leg for event in crawl.events if event.phase is CrawlPhase.SWING]
@@ -69,7 +69,7 @@ def test_an_unknown_load_takes_the_centre_of_mass_out_of_the_support() -> None:
     robot = robot_named("hyq")
     test, _, judge = crawler(robot, load=corner_load(robot, 100.0), known=False)
     fall = walk_on(test, 5.2, judge)
-    assert fall is not None or np.nanmin(judge.margins) < 0.0
+    assert fall is not None or np.nanmin(judge.history["margin"]) < 0.0
 
 
 def test_stops_takes_a_new_trunk_without_a_jump_walks_on_and_stops_again() -> None:
@@ -106,7 +106,7 @@ def test_a_trunk_that_comes_on_the_way_is_walked_by() -> None:
     test.plant.apply_payload(corner_load(robot, 100.0))
     assert crawl.update_trunk(TrunkModel.of(test.plant.truth()))
     assert walk_on(test, 2.5, judge) is None
-    assert np.nanmin(judge.margins) > 0.5 * crawl.settings.margin
+    assert np.nanmin(judge.history["margin"]) > 0.5 * crawl.settings.margin
     assert sum(event.phase is CrawlPhase.SWING for event in crawl.events) >= 2
 
 
@@ -126,7 +126,7 @@ def test_a_trunk_that_wanders_costs_no_step(name: str) -> None:
     assert len(lifted) >= int(2.5 / step)
     assert np.diff(lifted).max() < 1.6 * step
     assert not crawl.failed
-    assert np.nanmin(judge.margins) > 0.0
+    assert np.nanmin(judge.history["margin"]) > 0.0
 
 
 def test_a_trunk_that_comes_while_a_leg_swings_is_walked_by() -> None:
@@ -158,7 +158,7 @@ def test_walks_over_uneven_stones_on_a_ramp() -> None:
     test, crawl, judge = crawler(robot, terrain=terrain, load=corner_load(robot, 100.0))
     assert walk_on(test, 5.0, judge) is None
     assert not crawl.failed
-    assert np.nanmin(judge.margins) > 0.0
+    assert np.nanmin(judge.history["margin"]) > 0.0
     assert test.plant.state.position[0] > 0.3
 
 

@@ -241,13 +241,6 @@ def test_reset_puts_the_feet_on_the_ground(hyq: Robot, terrain: Terrain) -> None
     assert plant.time == 0.0
 
 
-def test_reset_takes_an_orientation(hyq: Robot) -> None:
-    plant = Plant(hyq, RAMP)
-    level = [0.0, 0.0, 0.0, 1.0]
-    plant.reset(standing_configuration(hyq), level)
-    np.testing.assert_allclose(plant.state.orientation, level)
-
-
 def test_runs_are_reproduced_bit_by_bit(hyq: Robot) -> None:
     first, again = Plant(hyq, RAMP), Plant(hyq, RAMP)
     stand(again, 0.05)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from stadera.errors import ModelError, UnknownNameError
+from stadera.errors import ModelError
 from stadera.lab.plant.plant import Plant
 from stadera.lab.plant.sensors import (
     HARSH,
@@ -21,7 +21,6 @@ from stadera.lab.plant.sensors import (
     estimator_model,
     measured,
     plant_model,
-    sensor_errors,
 )
 from stadera.logs import Recording
 from stadera.robot import JointLimits, Robot, load_robot
@@ -206,9 +205,6 @@ def test_imu_frame_of_the_contract(hyq: Robot) -> None:
 
 
 def test_bad_errors_are_named(hyq: Robot) -> None:
-    with pytest.raises(UnknownNameError, match="ideal, standard, harsh"):
-        sensor_errors("awful")
-    assert sensor_errors("Harsh") is HARSH
     unlimited = replace(hyq, limits={joint: JointLimits() for joint in hyq.tree.joints})
     with pytest.raises(ModelError, match="has no effort limit"):
         Sensors(STANDARD, 0, unlimited)

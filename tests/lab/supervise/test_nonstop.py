@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 
 from lab.supervise.scripted import ScriptedWalker
-from stadera.lab.supervise.supervisor import Mode, NonstopSupervisor, Walker
+from stadera.lab.supervise.supervisor import Mode, NonstopSupervisor
 from stadera.robot import load_robot
 from stadera.robot.stance import standing_configuration
 from stadera.trunk import Measurement, TrunkModel
+from stadera.trunk.protocol import Status, TrunkEstimate
 from standing import StandingRobot
 
 HYQ = load_robot("hyq")
@@ -47,7 +48,6 @@ def day() -> Day:
 
 
 def test_a_load_is_taken_over_and_nobody_is_asked_to_stop(day: Day) -> None:
-    assert isinstance(day.walker, Walker)
     assert [t.after for t in day.supervisor.transitions] == [Mode.WEIGHING, Mode.WALKING]
     assert day.supervisor.state is Mode.WALKING
     assert day.walker.walking
@@ -68,6 +68,26 @@ def test_what_is_not_known_well_enough_is_not_handed_on(day: Day) -> None:
     assert (np.minimum(abs(masses - prior), abs(masses - loaded)) < 1.0).all(), (
         "nothing on the way from one to the other"
     )
+
+
+@pytest.mark.parametrize(
+    ("mass", "std", "x", "reason", "accurate"),
+    [
+        (70.0, 0.1, 0.0, "", True),
+        (75.0, 12.0, 0.0, "", False),
+        (70.0, np.nan, 0.0, "", False),
+        (70.0, 0.1, 2.0, "", False),
+        (1e3, 0.1, 0.0, "", False),
+        (70.0, 0.1, 0.0, "a foot slips", False),
+    ],
+)
+def test_wide_and_implausible_estimates_are_not_accurate(
+    mass: float, std: float, x: float, reason: str, accurate: bool
+) -> None:
+    trunk = TrunkModel(mass, TrunkModel.prior(HYQ).com_trunk + np.array([x, 0.0, 0.0]))
+    status = Status.REFUSED if reason else Status.MOVING
+    found = TrunkEstimate(1.0, trunk, np.diag([std, 1e-3, 1e-3, 1e-3]) ** 2, status, reason)
+    assert NonstopSupervisor(HYQ, ScriptedWalker()).is_accurate(found) is accurate
 
 
 def test_the_payload_is_the_difference_to_the_tare(day: Day) -> None:

@@ -12,7 +12,7 @@ import pytest
 
 from lab.supervise.scripted import ScriptedWalker
 from stadera.errors import StaderaError
-from stadera.lab.supervise.supervisor import Mode, StoppingSupervisor, Transition, Walker
+from stadera.lab.supervise.supervisor import Mode, StoppingSupervisor, Transition
 from stadera.lab.supervise.weighing import WeighingSettings
 from stadera.robot import load_robot
 from stadera.robot.stance import standing_configuration
@@ -61,10 +61,6 @@ class Day:
     @property
     def last(self) -> Transition:
         return self.supervisor.transitions[-1]
-
-
-def test_scripted_walker_is_a_walker():
-    assert isinstance(ScriptedWalker(), Walker)
 
 
 def test_nothing_happens_while_nothing_changes():

@@ -71,14 +71,14 @@ class SupportPolygon:
         cross = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
         return np.asarray(((a + b) * cross[:, None]).sum(axis=0) / (3.0 * cross.sum()))
 
-    def goal(self, wish: ArrayLike, margin: float, bisections: int = 40) -> Array:
+    def goal(self, wish: ArrayLike, margin: float) -> Array:
         """The point (2,) [m] nearest to `wish` with this margin [m] to every edge, or the largest one (to 1e-9)."""
         target = np.asarray(wish, dtype=float)[:2]
         if (best := self._nearest(target, margin)) is not None:
             return best
         # towards the point of largest margin: the largest feasible margin by bisection
         low, high, found = 0.0, margin, self.centroid
-        for _ in range(bisections):
+        for _ in range(40):
             middle = 0.5 * (low + high)
             point = self._nearest(target, middle)
             if point is None:
@@ -185,7 +185,6 @@ class ComPlan:
     times: Array  # (k + 1,) [s], ends of the pieces
     states: Array  # (k + 1, 3, 2), position [m], velocity [m/s] and acceleration [m/s²] at these times
     jerks: Array  # (k, 2) [m/s³]
-    lacking: float = 0.0  # [m], largest missing margin of the zero-moment point
 
     @classmethod
     def standing(cls, time: float, position: Array) -> ComPlan:
@@ -217,14 +216,13 @@ def plan_com(
     The centre of mass is at a height [m] over the contacts, the margin [m] is that of zero-moment point and centre of
     mass to the polygons' edges, and `rest` the weight of the body's rest while a leg swings, from 1 to 0 for none.
     """
-    steps, owner = _pieces(phases)
-    maps, free = _response(steps, np.asarray(start, dtype=float))
-    tau2, rest = height / GRAVITY, _WEIGHTS.rest * rest
-    jerks, lacking = _Programme(phases, owner, steps, maps, free, tau2, margin, rest).solved()
-    states = [np.asarray(start, dtype=float)]
-    for jerk, step in zip(jerks, steps, strict=True):
+    start = np.asarray(start, dtype=float)
+    programme = _Programme(phases, start, height / GRAVITY, margin, _WEIGHTS.rest * rest)
+    jerks = programme.solved()
+    states = [start]
+    for jerk, step in zip(jerks, programme.steps, strict=True):
         states.append(_moved(states[-1], jerk, step))
-    return ComPlan(time + np.concatenate([[0.0], np.cumsum(steps)]), np.array(states), jerks, lacking)
+    return ComPlan(time + np.concatenate([[0.0], np.cumsum(programme.steps)]), np.array(states), jerks)
 
 
 def _moved(state: Array, jerk: Array, t: float) -> Array:
@@ -232,28 +230,22 @@ def _moved(state: Array, jerk: Array, t: float) -> Array:
     return np.array([c + t * v + t * t / 2 * a + t**3 / 6 * jerk, v + t * a + t * t / 2 * jerk, a + t * jerk])
 
 
-def _pieces(phases: Sequence[SupportPhase]) -> tuple[Array, NDArray[np.int_]]:
-    """Lengths of the pieces [s], (k,), and each one's phase, (k,)."""
-    counts = [max(int(np.ceil(phase.duration / _WEIGHTS.longest)), 1) for phase in phases]
-    steps = np.concatenate([np.full(n, phase.duration / n) for n, phase in zip(counts, phases, strict=True)])
-    return steps, np.repeat(np.arange(len(phases)), counts)
-
-
-@dataclass(frozen=True, eq=False)
 class _Programme:
-    """The programme in the jerks of x, those of y, and the missing margins of each phase (z, then c)."""
+    """The programme in the jerks of x, those of y, and the missing margins of each phase (z, then c).
 
-    phases: Sequence[SupportPhase]
-    owner: NDArray[np.int_]  # (k,) phase of each piece
-    steps: Array  # (k,) lengths of the pieces [s]
-    maps: list[Array]  # of jerks to states, see `_response`
-    free: list[Array]
-    tau2: float  # h / g [s²]
-    margin: float  # [m]
-    rest: float  # δ
+    `tau2` is h / g [s²], `rest` δ; of the k pieces, `steps` (k,) are the lengths [s] and `owner` (k,) the phases, and
+    `maps` and `free` give the states at their ends, see `_response`.
+    """
 
-    def solved(self) -> tuple[Array, float]:
-        """Jerks (k, 2) and the largest missing margin of the zero-moment point [m]."""
+    def __init__(self, phases: Sequence[SupportPhase], start: Array, tau2: float, margin: float, rest: float) -> None:
+        self.phases, self.tau2, self.margin, self.rest = phases, tau2, margin, rest
+        counts = [max(int(np.ceil(phase.duration / _WEIGHTS.longest)), 1) for phase in phases]
+        self.steps = np.concatenate([np.full(n, phase.duration / n) for n, phase in zip(counts, phases, strict=True)])
+        self.owner: NDArray[np.int_] = np.repeat(np.arange(len(phases)), counts)
+        self.maps, self.free = _response(self.steps, start)
+
+    def solved(self) -> Array:
+        """Jerks (k, 2)."""
         n, m = len(self.steps), len(self.phases)
         hessian, gradient = self._cost()
         rows, bounds = self._supports()
@@ -269,7 +261,7 @@ class _Programme:
                 H=hessian, g=gradient, A=last, b=rest, C=rows, l=least, u=bounds, eps_abs=accuracy, max_iter=most
             )
             if result.info.status == proxsuite.proxqp.PROXQP_SOLVED and np.isfinite(result.x).all():
-                return result.x[: 2 * n].reshape(2, n).T, float(result.x[2 * n : 2 * n + m].max())
+                return np.asarray(result.x[: 2 * n].reshape(2, n).T)
         raise PlanError("no way of the centre of mass found through the phases ahead")
 
     def _cost(self) -> tuple[Array, Array]:

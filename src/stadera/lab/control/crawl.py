@@ -344,7 +344,7 @@ class BodyReference:
         self._mass, self._moment = controller.trunk.target_mass, controller.trunk.target_moment
         self.see(measurement)
         here = controller.reference
-        self.plan = ComPlan.standing(controller.time, (here.position + here.rotation @ self._lever())[:2])
+        self.plan = ComPlan.standing(controller.time, (here.position + here.rotation @ self._planned_lever)[:2])
         pose = TrunkPose(np.array([0.0, 0.0, here.position[2]]), here.rotation)
         self._pose = Move(pose, pose, controller.time, 1.0)
         plane = GroundPlane.of(controller.feet)
@@ -359,25 +359,28 @@ class BodyReference:
         """True if a leg is nearly extended, so that its foot cannot reach farther."""
         return bool(self._room[leg] < self._settings.stretched)
 
-    def _lever(self) -> Array:
-        """c, with the trunk model of the plan."""
-        return np.asarray((self._moment + self._legs) / (self._mass + self._controller.legs.leg_mass))
+    def _lever(self, mass: float, moment: Array) -> Array:
+        """c, with a trunk of this mass [kg] and first moment [kg·m]."""
+        return np.asarray((moment + self._legs) / (mass + self._controller.legs.leg_mass))
 
-    def _current_lever(self) -> Array:
-        """c, with the present trunk model."""
-        trunk = self._controller.trunk
-        return np.asarray((trunk.target_moment + self._legs) / (trunk.target_mass + self._controller.legs.leg_mass))
+    @property
+    def _planned_lever(self) -> Array:
+        return self._lever(self._mass, self._moment)
+
+    @property
+    def _present_lever(self) -> Array:
+        return self._lever(self._controller.trunk.target_mass, self._controller.trunk.target_moment)
 
     @property
     def moved(self) -> float:
         """Horizontal distance of the modelled centre of mass from the plan's [m]."""
-        away = self._controller.rotation @ (self._current_lever() - self._lever())
+        away = self._controller.rotation @ (self._present_lever - self._planned_lever)
         return float(np.hypot(away[0], away[1]))
 
     @property
     def com(self) -> Array:
         """The robot's modelled centre of mass now, (3,) [m], odometry frame."""
-        return np.asarray(self._controller.position + self._controller.rotation @ self._current_lever())
+        return np.asarray(self._controller.position + self._controller.rotation @ self._present_lever)
 
     @property
     def _ground(self) -> float:
@@ -393,7 +396,7 @@ class BodyReference:
 
     def at(self, time: float) -> TrunkPose:
         (position, velocity, acceleration), pose = self.plan.at(time), self._pose.at(time)
-        lever = self._lever()
+        lever = self._planned_lever
         arm, turning = pose.rotation @ lever, pose.rotation @ np.cross(pose.angular_velocity, lever)
         return TrunkPose(
             np.array([*(position - arm[:2]), pose.position[2]]),
@@ -408,7 +411,7 @@ class BodyReference:
         now = self.at(time)
         trunk = self._controller.trunk
         self._mass, self._moment = trunk.target_mass, trunk.target_moment
-        com = now.position + now.rotation @ self._lever()
+        com = now.position + now.rotation @ self._planned_lever
         start = self.plan.at(time).copy()
         start[0] = com[:2]
         self.plan = plan_com(time, start, phases, float(com[2]) - self._ground, margin, rest)

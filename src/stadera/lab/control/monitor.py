@@ -1,6 +1,7 @@
 """Evaluates a run from ground truth: falls of any robot, height of the trunk, and margin of the centre of mass."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -37,8 +38,10 @@ class Fall:
 class Falls:
     """Tells from the truth of a plant on its feet when the robot has fallen; `fall` is None while it has not."""
 
-    def __init__(self, plant: Plant, limits: FallLimits | None = None) -> None:
-        self.plant, self.limits = plant, limits or FallLimits()
+    limits = FallLimits()
+
+    def __init__(self, plant: Plant) -> None:
+        self.plant = plant
         self.fall: Fall | None = None
         self._height = self.height()
 
@@ -65,49 +68,32 @@ class Falls:
 
 
 class WalkMonitor(Falls):
-    """Evaluates a walk from the truth of a plant on its feet; `fall` is None while it has not fallen."""
+    """Evaluates a walk from the truth of a plant on its feet, every tenth period."""
 
-    def __init__(self, plant: Plant, every: int = 10, limits: FallLimits | None = None) -> None:
-        super().__init__(plant, limits)
-        self.every = every
+    every = 10  # periods between two evaluations
+
+    def __init__(self, plant: Plant) -> None:
+        super().__init__(plant)
         self._legs = LegDynamics(plant.robot)
-        self._rows: list[tuple[float, float, Array, float, Bools]] = []
         self._effort = np.array([plant.robot.limits[joint].effort for joint in plant.robot.tree.joints])
-        self._periods = 0
+        self._periods, self._rows = 0, list[tuple[float, float, Array, float, Bools]]()
 
     @property
-    def times(self) -> Array:
-        """Times of the evaluations [s]."""
-        return np.array([row[0] for row in self._rows])
-
-    @property
-    def margins(self) -> Array:
-        """Margins of the true centre of mass [m]; NaN with fewer than three loaded feet."""
-        return np.array([row[1] for row in self._rows])
-
-    @property
-    def positions(self) -> Array:
-        """Positions of the trunk's origin, world [m]."""
-        return np.array([row[2] for row in self._rows]).reshape(-1, 3)
-
-    @property
-    def heights(self) -> Array:
-        """Heights of the trunk's origin above the ground [m]."""
-        return np.array([row[3] for row in self._rows])
-
-    @property
-    def limited(self) -> Bools:
-        """Joints at their torque limit, (k, n) bool."""
-        return np.array([row[4] for row in self._rows], dtype=bool).reshape(-1, len(self._effort))
+    def history(self) -> dict[str, Any]:
+        """Of all k evaluations: time (k,) [s], margin (k,) [m] of the true centre of mass, position (k, 3) [m] of the
+        trunk's origin in the world, its height (k,) [m] above the ground, and limited (k, n) bool, joints at their
+        torque limit.
+        """
+        names = ("time", "margin", "position", "height", "limited")
+        return dict(zip(names, map(np.array, zip(*self._rows, strict=True)), strict=True))
 
     def look(self) -> None:
         """Evaluates the plant, if it is due."""
         self._periods += 1
-        if self._periods % self.every:
-            return
-        state = self.plant.state
-        self._rows.append((state.time, self.margin(), state.position, self.height(), self.at_limit()))
-        super().look()
+        if self._periods % self.every == 0:
+            state = self.plant.state
+            self._rows.append((state.time, self.margin(), state.position, self.height(), self.at_limit()))
+            super().look()
 
     def at_limit(self) -> Bools:
         """Joints at their torque limit now, (n,) bool."""
@@ -128,8 +114,7 @@ class WalkMonitor(Falls):
 
     def margin(self) -> float:
         """Margin of the true centre of mass in the polygon of the loaded feet [m]; NaN with fewer than three."""
-        state = self.plant.state
-        carry = self.carrying()
+        state, carry = self.plant.state, self.carrying()
         if carry.sum() < 3:
             return float("nan")
         try:

@@ -176,7 +176,9 @@ class Trot(Gait):
         c, s = self.controller, self.settings
         if not self._swinging:
             if c.time >= self._hand_over:
-                self._lift()
+                self._swinging = True
+                for leg in PAIRS[self._pair]:
+                    c.swing(leg, self._path(leg, c.feet[leg].copy(), c.time))
             return
         legs = PAIRS[self._pair]
         for leg in legs:
@@ -212,12 +214,6 @@ class Trot(Gait):
         for leg in PAIRS[self._pair]:
             c.relieve(leg, s.overlap)
         self._hand_over = c.time + s.overlap
-
-    def _lift(self) -> None:
-        c = self.controller
-        self._swinging = True
-        for leg in PAIRS[self._pair]:
-            c.swing(leg, self._path(leg, c.feet[leg].copy(), c.time))
 
     def _path(self, leg: int, start: Array, begin: float) -> SwingTrajectory:
         """Trajectory to the foothold, as predicted now."""

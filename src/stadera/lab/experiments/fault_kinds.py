@@ -40,18 +40,17 @@ def _leg(robot: Robot, rng: Rng) -> Leg:
     return robot.legs[int(rng.integers(len(robot.legs)))]
 
 
-def _one(log: Recording, robot: Robot, rng: Rng) -> Sequence[int]:
-    joints = _leg(robot, rng).joints
-    return (log.index(joints[int(rng.integers(len(joints)))]),)
+def _one_of(part: slice) -> Pick:
+    """Draws one joint of a part of one leg."""
+
+    def pick(log: Recording, robot: Robot, rng: Rng) -> Sequence[int]:
+        joints = _leg(robot, rng).joints[part]
+        return (log.index(joints[int(rng.integers(len(joints)))]),)
+
+    return pick
 
 
-def _hip_or_knee(log: Recording, robot: Robot, rng: Rng) -> Sequence[int]:
-    joints = _leg(robot, rng).joints[1:]
-    return (log.index(joints[int(rng.integers(len(joints)))]),)
-
-
-def _knee(log: Recording, robot: Robot, rng: Rng) -> Sequence[int]:
-    return (log.index(_leg(robot, rng).joints[-1]),)
+_one, _hip_or_knee, _knee = (_one_of(part) for part in (slice(None), slice(1, None), slice(-1, None)))
 
 
 def _of_leg(log: Recording, robot: Robot, rng: Rng) -> Sequence[int]:

@@ -86,7 +86,8 @@ class InertialTorques:
             [forces.sum(axis=0) - weight, np.cross(points, forces).sum(axis=0) - np.cross(com, weight)]
         )
         share = np.zeros_like(forces)
-        share[touching] = np.linalg.lstsq(_wrench_map(points[touching]), moving, rcond=None)[0].reshape(-1, 3)
+        wrench_map = np.hstack([np.vstack([np.eye(3), skew(point)]) for point in points[touching]])  # G (6, 3 k)
+        share[touching] = np.linalg.lstsq(wrench_map, moving, rcond=None)[0].reshape(-1, 3)
         jacobians = legs.jacobians(points)
         effort = (state.effort - self._viscous * state.joint_velocity)[self._legs.columns]
         return np.asarray(effort - legs.bias + np.einsum("li,lij->lj", forces - share, jacobians))
@@ -181,8 +182,3 @@ def _cycles(crawl: Crawl) -> int:
     """Number of times that the first leg of the sequence has lifted."""
     first = crawl.settings.sequence[0]
     return sum(event.phase is CrawlPhase.SWING and event.leg == first for event in crawl.events)
-
-
-def _wrench_map(points: Array) -> Array:
-    """G (6, 3 k) of forces at points (k, 3)."""
-    return np.vstack([np.tile(np.eye(3), len(points)), np.hstack([skew(point) for point in points])])

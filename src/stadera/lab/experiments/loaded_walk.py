@@ -14,7 +14,9 @@ The same limits hold with and without identification. The margin is not part of 
 foot it was about to lift may still walk on.
 """
 
-from collections.abc import Callable
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import cached_property
@@ -65,11 +67,15 @@ class OutcomeLimits:
     overload: float = 0.5
 
 
+_LIMITS = OutcomeLimits()
+
+
 @dataclass(frozen=True, eq=False)
 class WalkTrace:
-    """True states of a walk, evenly sampled, and the command."""
+    """True states of a walk, evenly sampled, and the command; how it ended, as in the module's text."""
 
     time: Array  # (k,) [s]
+    margin: Array  # (k,) [m], of the true centre of mass in the support polygon; NaN on fewer than three feet
     position: Array  # (k, 3) [m], of the trunk's origin, world; the walk leads along x
     height: Array  # (k,) [m], of the trunk's origin above the ground
     limited: Bools  # (k, n) bool, joints whose torque is at its limit
@@ -98,6 +104,12 @@ class WalkTrace:
         return self.speed * float(self.time[-1] - self.time[self.since])
 
     @property
+    def least_margin(self) -> float:
+        """Least margin since the load [m], including the step that no supervisor can affect."""
+        margin = self.margin[self.since :]
+        return float(np.nanmin(margin)) if np.isfinite(margin).any() else float("nan")
+
+    @property
     def steps_lost(self) -> int:
         """Number of commanded steps that were not taken, in pauses and at the end, counted from the last step before
         the load, or else from the load; 0 without one. In a pause a step counts from half its time on.
@@ -110,53 +122,45 @@ class WalkTrace:
         pauses = np.round(np.diff(lifted) / self.step_time) - 1.0
         return int(np.maximum(pauses, 0.0).sum()) + int((self.time[-1] - lifted[-1]) / self.step_time)
 
+    @property
+    def outcome(self) -> WalkOutcome:
+        if self.fall is not None:
+            return WalkOutcome.FELL
+        return WalkOutcome.STUCK if self.reasons else WalkOutcome.WALKED
 
-@dataclass(frozen=True)
-class Verdict:
-    """Outcome of a walk with its reasons; none if it walked."""
+    @cached_property
+    def reasons(self) -> tuple[str, ...]:
+        """Why it fell or is stuck; none if it walked."""
+        why = (self.fall.how,) if self.fall is not None else (self._overload(), self._sagging(), self._progress())
+        return tuple(reason for reason in (*why, self.fault) if reason)
 
-    outcome: WalkOutcome
-    reasons: tuple[str, ...] = ()
+    def _overload(self) -> str:
+        spells = [longest_spell(self.time[self.since :], limited) for limited in self.limited[self.since :].T]
+        worst = int(np.argmax(spells))
+        if spells[worst] <= _LIMITS.overload:
+            return ""
+        return f"joint {self.joints[worst]} was at its torque limit for {spells[worst]:.1f} s"
 
+    def _sagging(self) -> str:
+        height = self.height[self.since :]
+        spell = longest_spell(self.time[self.since :], height < (1.0 - _LIMITS.sag) * height[0])
+        sagged = f"the trunk sagged by up to {100.0 * (height[0] - height.min()):.0f} cm"
+        return sagged if spell > _LIMITS.sagging else ""
 
-def verdict(trace: WalkTrace, limits: OutcomeLimits | None = None) -> Verdict:
-    """Evaluates the outcome of a walk."""
-    limits, fault = limits or OutcomeLimits(), (trace.fault,) if trace.fault else ()
-    if trace.fall is not None:
-        return Verdict(WalkOutcome.FELL, (trace.fall.how, *fault))
-    reasons = (_overload(trace, limits), _sagging(trace, limits), _progress(trace, limits), *fault)
-    found = tuple(reason for reason in reasons if reason)
-    return Verdict(WalkOutcome.STUCK if found else WalkOutcome.WALKED, found)
-
-
-def _overload(trace: WalkTrace, limits: OutcomeLimits) -> str:
-    spells = [
-        longest_spell(trace.time[trace.since :], trace.limited[trace.since :, j]) for j in range(len(trace.joints))
-    ]
-    worst = int(np.argmax(spells))
-    if spells[worst] <= limits.overload:
+    def _progress(self) -> str:
+        """The shortfall over the last cycle, or over the time since the load if that is shorter."""
+        end, cycle = float(self.time[-1]), 4.0 * self.step_time
+        window = min(cycle, end - float(self.time[self.since]))
+        first = int(np.searchsorted(self.time, end - window))
+        ahead = float(self.position[-1, 0] - self.position[first, 0])
+        taken = sum(time > end - window for time in self.steps)
+        if ahead < _LIMITS.share * self.speed * window:
+            return (
+                f"it got {100.0 * ahead:.0f} of {100.0 * self.speed * window:.0f} cm ahead in the last {window:.1f} s"
+            )
+        if taken < _LIMITS.share * np.floor(window / self.step_time):
+            return f"it took {taken} of {window / self.step_time:.0f} steps in the last {window:.1f} s"
         return ""
-    return f"joint {trace.joints[worst]} was at its torque limit for {spells[worst]:.1f} s"
-
-
-def _sagging(trace: WalkTrace, limits: OutcomeLimits) -> str:
-    height = trace.height[trace.since :]
-    spell = longest_spell(trace.time[trace.since :], height < (1.0 - limits.sag) * height[0])
-    return f"the trunk sagged by up to {100.0 * (height[0] - height.min()):.0f} cm" if spell > limits.sagging else ""
-
-
-def _progress(trace: WalkTrace, limits: OutcomeLimits) -> str:
-    """The shortfall over the last cycle, or over the time since the load if that is shorter."""
-    end, cycle = float(trace.time[-1]), 4.0 * trace.step_time
-    window = min(cycle, end - float(trace.time[trace.since]))
-    first = int(np.searchsorted(trace.time, end - window))
-    ahead = float(trace.position[-1, 0] - trace.position[first, 0])
-    taken = sum(time > end - window for time in trace.steps)
-    if ahead < limits.share * trace.speed * window:
-        return f"it got {100.0 * ahead:.0f} of {100.0 * trace.speed * window:.0f} cm ahead in the last {window:.1f} s"
-    if taken < limits.share * np.floor(window / trace.step_time):
-        return f"it took {taken} of {window / trace.step_time:.0f} steps in the last {window:.1f} s"
-    return ""
 
 
 def longest_spell(time: Array, true: Bools) -> float:
@@ -170,14 +174,6 @@ CORNERS = {"LF": (1, 1), "RF": (1, -1), "LH": (-1, 1), "RH": (-1, -1)}
 """Signs of x and y of the trunk's corners."""
 
 
-class Supervision(StrEnum):
-    """Supervisor of a walk: none, or one that weighs the load at rest or while walking."""
-
-    NONE = "without identification"
-    STOPPING = "with identification"
-    NONSTOP = "without a stop"
-
-
 @dataclass(frozen=True, eq=False)
 class LoadedWalkCase:
     """Settings of one walk."""
@@ -186,48 +182,26 @@ class LoadedWalkCase:
     payload: Payload | None = None  # the load added; None for none
     stand: float = 1.0  # time for which the robot stands before it walks [s]: enough to weigh the tare
     load_at: float = 5.0  # time at which it is added [s]
-    supervision: Supervision = Supervision.STOPPING  # without it, controller and planner keep the model file's trunk
+    # has the load weighed; None for none: controller and planner keep the model file's trunk
+    supervisor: type[StoppingSupervisor] | type[NonstopSupervisor] | None = StoppingSupervisor
     seconds: float = 20.0  # of the run, standing included
     speed: float = 0.1  # [m/s], ahead
     errors: SensorErrors = STANDARD  # of the sensors
     seed: int = 0  # of all draws
 
-    @property
-    def load(self) -> InertialParameters:
-        """The load, in its own frame; zero for none."""
-        return InertialParameters.zero() if self.payload is None else self.payload.parameters
-
 
 @dataclass(frozen=True, eq=False)
 class LoadedWalkOutcome:
-    """Outcome of one walk."""
+    """Outcome of one walk; transitions, detections and payload are the supervisor's."""
 
     case: LoadedWalkCase
     trace: WalkTrace  # true states, and the command
-    # (k,) [m], of the true centre of mass in the support polygon at the trace's times: negative outside, NaN on fewer
-    # than three feet
-    margin: Array
-    # first time with four feet in stance at least one step's time after the load [s], since no supervisor can affect
-    # the previous step; NaN if there is none
-    evaluated_from: float
-    # transitions, state: of the supervisor; empty, and WALKING, without one
     transitions: tuple[Transition, ...]
-    state: Mode
     noticed: tuple[float, ...]  # times of detection of changes of the load [s]
     model: TrunkModel  # trunk model of controller and planner at the end
     truth: InertialParameters  # the trunk with its load at the end
     bare: InertialParameters  # the trunk without it
-    payload: FoundPayload | None  # as estimated by the supervisor; None without an estimate
-
-    @cached_property
-    def verdict(self) -> Verdict:
-        return verdict(self.trace)
-
-    @property
-    def least_margin_ever(self) -> float:
-        """Least margin since the load [m], including the step that no supervisor can affect."""
-        since = self.margin[self.trace.since :]
-        return float(np.nanmin(since)) if np.isfinite(since).any() else float("nan")
+    payload: FoundPayload | None  # as estimated; None without an estimate
 
     @property
     def com_error(self) -> float:
@@ -235,26 +209,17 @@ class LoadedWalkOutcome:
         return float(np.linalg.norm((self.model.com_trunk - self.truth.com)[:2]))
 
     @property
-    def outside(self) -> float:
-        """Time for which the centre of mass was outside the support polygon, from `evaluated_from` on [s]."""
-        since = self.margin[~(self.trace.time < self.evaluated_from)]
-        return float((since < 0.0).sum()) * float(np.median(np.diff(self.trace.time)))
-
-    @property
-    def noticed_after(self) -> float:
-        """Time from the load to the first detected change [s]; NaN if there is none."""
-        times = [time for time in self.noticed if time >= self._from]
-        return times[0] - self._from if times else float("nan")
+    def noticed_after(self) -> float | None:
+        """Time from the load to the first detected change [s]; None if there is none."""
+        return self._first_after_load(self.noticed)
 
     @property
     def updated_after(self) -> float | None:
         """Time from the load until the robot used a new trunk model [s]; None if it never did."""
-        after = [t.time for t in self.transitions if t.after is Mode.WALKING and t.time >= self._from]
-        return after[0] - self._from if after else None
+        return self._first_after_load(t.time for t in self.transitions if t.after is Mode.WALKING)
 
-    @property
-    def _from(self) -> float:
-        return -np.inf if np.isnan(self.trace.loaded_at) else self.trace.loaded_at
+    def _first_after_load(self, times: Iterable[float]) -> float | None:
+        return next((time - self.trace.loaded_at for time in times if time >= self.trace.loaded_at), None)
 
 
 def corner_of(robot: Robot, corner: str) -> Array:
@@ -277,9 +242,6 @@ def weight_at(robot: Robot, corner: str, force: float) -> RigidMass:
     return RigidMass.box(force / GRAVITY, (0.1, 0.1, 0.1), (x, y, z + 0.05))
 
 
-Watch = Callable[["LoadedWalk"], None]
-
-
 class LoadedWalk:
     """A walk in progress. `fault` says why the controller failed, so that the drives only brake."""
 
@@ -291,23 +253,16 @@ class LoadedWalk:
         model = estimator_model(real, case.errors, case.seed)
         plant = Plant(real)
         plant.reset(standing_configuration(robot))
-        controller = TrunkController(model)
-        self.crawl = Crawl(controller, command=CrawlCommand(case.speed))
+        self.crawl = Crawl(TrunkController(model), command=CrawlCommand(case.speed))
         self.bed = TestBed(plant, Sensors(case.errors, case.seed, robot), self.crawl)
         self.monitor = WalkMonitor(plant)
-        self.loaded_at, self.evaluated_from, self.fault = np.nan, np.nan, ""
-        self._bare, self._step_time = plant.truth(), self.crawl.settings.timing(self.crawl.command).step
+        self.loaded_at, self.fault, self._bare = np.nan, "", plant.truth()
         effort = np.array([robot.limits[joint].effort for joint in robot.tree.joints])
         self._brake = np.where(np.isfinite(effort), effort / self.braked, 0.0)
-        events = [(case.stand, self._begin), (case.load_at, self._load)]
-        self._events = sorted(events, key=lambda event: event[0])
-        self.supervisor: StoppingSupervisor | NonstopSupervisor | None = None
-        if case.supervision is Supervision.STOPPING:
-            self.supervisor = StoppingSupervisor(model, self.crawl)
-        elif case.supervision is Supervision.NONSTOP:
-            self.supervisor = NonstopSupervisor(model, self.crawl)
+        self._events = sorted([(case.stand, self._begin), (case.load_at, self._load)], key=lambda event: event[0])
+        self.supervisor = None if case.supervisor is None else case.supervisor(model, self.crawl)
 
-    def run(self, watch: Watch | None = None) -> LoadedWalkOutcome:
+    def run(self, watch: Callable[[LoadedWalk], None] | None = None) -> LoadedWalkOutcome:
         """Runs to the end, or until the robot has fallen; `watch` is called after every period."""
         for _ in range(round(self.case.seconds / self.bed.plant.timestep)):
             self.step()
@@ -328,9 +283,6 @@ class LoadedWalk:
         except SimulationError as error:
             self.monitor.fall = self.monitor.fall or Fall(self.bed.plant.time, str(error))
         self.monitor.look()
-        time = self.bed.plant.time
-        if np.isnan(self.evaluated_from) and time > self.loaded_at + self._step_time and self.crawl.stance.all():
-            self.evaluated_from = time
 
     def give_up(self, reason: str) -> None:
         """Makes the drives only brake from now on."""
@@ -354,33 +306,24 @@ class LoadedWalk:
             self.loaded_at = self.bed.plant.time
 
     def outcome(self) -> LoadedWalkOutcome:
-        monitor, supervisor, plant = self.monitor, self.supervisor, self.bed.plant
+        plant, supervisor, command = self.bed.plant, self.supervisor, self.crawl.command
+        trace = WalkTrace(
+            **self.monitor.history,
+            joints=plant.robot.tree.joints,
+            steps=tuple(event.time for event in self.crawl.events if event.phase is CrawlPhase.SWING),
+            speed=self.case.speed,
+            step_time=self.crawl.settings.timing(command).step,
+            loaded_at=self.loaded_at,
+            fall=self.monitor.fall,
+            fault=self.fault,
+        )
         return LoadedWalkOutcome(
             case=self.case,
-            trace=self._trace(),
-            margin=monitor.margins,
-            evaluated_from=self.evaluated_from,
+            trace=trace,
             transitions=() if supervisor is None else supervisor.transitions,
-            state=Mode.WALKING if supervisor is None else supervisor.state,
             noticed=() if supervisor is None else supervisor.noticed,
             model=self.crawl.controller.trunk.model,
             truth=plant.truth(),
             bare=self._bare,
             payload=None if supervisor is None else supervisor.payload,
-        )
-
-    def _trace(self) -> WalkTrace:
-        monitor = self.monitor
-        return WalkTrace(
-            time=monitor.times,
-            position=monitor.positions,
-            height=monitor.heights,
-            limited=monitor.limited,
-            joints=monitor.plant.robot.tree.joints,
-            steps=tuple(event.time for event in self.crawl.events if event.phase is CrawlPhase.SWING),
-            speed=self.case.speed,
-            step_time=self._step_time,
-            loaded_at=self.loaded_at,
-            fall=monitor.fall,
-            fault=self.fault,
         )

@@ -86,7 +86,11 @@ def _legs(robot: Robot, path: Path) -> str:
 
 def summary(_: Sequence[WalkLog], walks: Sequence[Walk]) -> ExperimentResult:
     legs = [(walk.name, walk.legs) for walk in walks if walk.legs]
-    tables = (_table(walks), TableData.of("Legs identified in the air", ("log", "result"), legs, sides="lw"))
+    head = ("log", "trunk [kg]", "least squares [kg]", "x [mm]", "y [mm]", "misfit", "changes", "verdict or reason")
+    tables = (
+        TableData.of("Trunk of one robot, model file only", head, map(_row, walks), sides="lrrrrrrw"),
+        TableData.of("Legs identified in the air", ("log", "result"), legs, sides="lw"),
+    )
     return PAPER.result(_records(walks), tables)
 
 
@@ -117,11 +121,6 @@ def _records(walks: Sequence[Walk]) -> list[Record]:
         record("straight walks: median bar", "%", 100.0 * float(np.median(std / mass)), "bar"),
         record("straight walks: spread of the centre, x and y", "mm", apart, "centre"),
     ]
-
-
-def _table(walks: Sequence[Walk]) -> TableData:
-    head = ("log", "trunk [kg]", "least squares [kg]", "x [mm]", "y [mm]", "misfit", "changes", "verdict or reason")
-    return TableData.of("Trunk of one robot, model file only", head, map(_row, walks), sides="lrrrrrrw")
 
 
 def _row(walk: Walk) -> Row:

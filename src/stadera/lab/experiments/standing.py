@@ -213,8 +213,9 @@ class _StandingRun:
         self.weighed = self.estimator.estimate().trunk
 
     def locate(self) -> None:
-        self.estimator = self._made()
-        estimator = self.estimator
+        posture = PostureLaw(self.controller.gains.angular_stiffness, self.home.rotation)
+        setup = Setup(self.robot, self.weighed, self.forces, posture)
+        estimator = self.estimator = make_estimator(self.case.method, setup)
         if self.case.method in _POSES:
             for pose in poses_of(self.case.robot, _POSES[self.case.method]):
                 self._move(self.home.moved(pose.shift, pose.turn))
@@ -251,10 +252,6 @@ class _StandingRun:
             trace_time=np.array([time for time, _ in self._trace]),
             trace_com=np.array([com for _, com in self._trace]),
         )
-
-    def _made(self) -> Estimator:
-        posture = PostureLaw(self.controller.gains.angular_stiffness, self.home.rotation)
-        return make_estimator(self.case.method, Setup(self.robot, self.weighed, self.forces, posture))
 
     def _watched(self, estimator: Estimator, seconds: float) -> None:
         self.bed.estimator = estimator

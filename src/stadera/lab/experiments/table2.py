@@ -9,7 +9,7 @@ from stadera.errors import MissingExtraError
 from stadera.lab.experiments.runner import ExperimentResult, Paper, Record, ReproduceSettings, crossed
 from stadera.lab.experiments.standing import METHOD_NAMES, StandingCase, StandingOutcome, stand, start_range
 from stadera.report.figures import Axis, Figure, Panel, line
-from stadera.report.table import Cell, TableData
+from stadera.report.table import TableData
 from stadera.robot import load_robot
 
 PAPER = Paper.of("table2")
@@ -40,11 +40,13 @@ def summary(_: Sequence[StandingCase], outcomes: Sequence[StandingOutcome]) -> E
     if height:
         note = f"In brackets the paper's, which names one figure a method. Bound: {bounds['height']:.1f} cm."
         tables.append(_table("Error of the height", "|δ_z| [cm]", height, note))
-    if others:
-        tables.append(_robots_table(others))
+    more = [record for o in others for record in _robot_records(o)]
+    if more:
+        note = "Method (c). The load presses at HyQ's point, scaled with the distances between the hips."
+        tables.append(crossed("Other robots", more, lambda r: str(r.case["robot"]), _load, Record.label, "load", note))
     masses = [PAPER.record(_named(o), "error of the trunk's mass", "kg", abs(o.mass_error)) for o in hyq]
     return PAPER.result(
-        [*plane, *height, *masses, *(record for o in others for record in _robot_records(o))],
+        [*plane, *height, *masses, *more],
         tables,
         [_convergence(hyq)],
         {
@@ -89,12 +91,14 @@ def _height_record(o: StandingOutcome) -> Record:
     return PAPER.record(_named(o), "|δ_z|", "cm", 100 * o.height, paper, PAPER.bounds["height"])
 
 
-def _share(o: StandingOutcome) -> float:
-    return o.case.load / (load_robot(o.case.robot).mass * GRAVITY)
+def _load(record: Record) -> str:
+    share = float(record.case["load, share of the weight"])
+    return f"{record.case['load [N]']} N, {100 * share:.0f} % of the weight"
 
 
 def _robot_records(o: StandingOutcome) -> Iterator[Record]:
-    case = {**_named(o), "load, share of the weight": round(_share(o), 3)}
+    share = o.case.load / (load_robot(o.case.robot).mass * GRAVITY)
+    case = {**_named(o), "load, share of the weight": round(share, 3)}
     yield PAPER.record(case, "‖δ‖ in x-y", "cm", 100 * o.in_plane)
     yield PAPER.record(case, "‖δ‖ in x-y at the start", "cm", 100 * o.start_error)
     yield PAPER.record(case, "error of the trunk's mass", "kg", abs(o.mass_error))
@@ -110,24 +114,6 @@ def _table(title: str, error: str, records: list[Record], note: str) -> TableDat
         corner=error,
         note=note,
     )
-
-
-def _robots_table(others: Sequence[StandingOutcome]) -> TableData:
-    head = ("load", "load [N]", "‖δ‖ at the start [cm]", "‖δ‖ [cm]", "mass of trunk and load [kg]", "mass error [kg]")
-    groups: dict[str, list[tuple[Cell | str, ...]]] = {}
-    for o in others:
-        groups.setdefault(o.case.robot, []).append(
-            (
-                f"{100 * _share(o):.0f} % of the weight",
-                f"{o.case.load:.1f}",
-                f"{100 * o.start_error:.1f}",
-                Cell(f"{100 * o.in_plane:.4f}", strong=True),
-                f"{o.true_mass:.3f}",
-                f"{o.mass_error:+.4f}",
-            )
-        )
-    note = "Method (c). The load presses at HyQ's point, scaled with the distances between the hips."
-    return TableData.of("Other robots", head, groups, note)
 
 
 def _convergence(outcomes: Sequence[StandingOutcome]) -> Figure:

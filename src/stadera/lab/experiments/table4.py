@@ -234,5 +234,5 @@ def _expected(column: ErrorColumn, robot: Robot, poses: Sequence[PoseOffset]) ->
     errors = stated_errors(
         robot, noise, orientation=1e-6, common_torque=column.mean if column.kind == "torque" else 0.0
     )
-    covariance = expected_covariance(robot, poses, errors, seek_errors=True)
+    covariance = expected_covariance(robot, poses, errors)
     return float(np.sqrt(covariance[1, 1] + covariance[2, 2]))

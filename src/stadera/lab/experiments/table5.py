@@ -8,7 +8,7 @@ import numpy as np
 from stadera.errors import StaderaError
 from stadera.lab.control.reference import TrunkPose
 from stadera.lab.experiments.loaded_walk import LoadedWalk, LoadedWalkCase, weight_at
-from stadera.lab.experiments.runner import ExperimentResult, Outcome, Paper, Record, ReproduceSettings
+from stadera.lab.experiments.runner import ExperimentResult, Outcome, Paper, Record, ReproduceSettings, crossed
 from stadera.lab.laws.static_poses import PoseOffset
 from stadera.lab.supervise.supervisor import Mode, StoppingSupervisor
 from stadera.lab.supervise.weighing import CorrectedForces, Lean, Stage, StandingWeighing
@@ -123,9 +123,11 @@ def summary(cases: Sequence[Table5Case], outcomes: Sequence[Outcome]) -> Experim
     loads = dict.fromkeys(case.load for case in cases)
     by_load = {load: [o for c, o in zip(cases, outcomes, strict=True) if c.load == load] for load in loads}
     count = len(cases) // len(loads)
+    records = [record for load, found in by_load.items() for record in _records(load, found)]
+    every = crossed(f"{count} seeds", records, lambda r: "", Record.label, lambda r: f"{r.case['load [N]']:g} N", "")
     return PAPER.result(
-        (record for load, found in by_load.items() for record in _records(load, found)),
-        (_first(by_load, cases[0].seed), _all(by_load, count)),
+        records,
+        (_first(by_load, cases[0].seed), every),
         facts={
             "Robot": "hyq",
             "Sensors": "standard errors",
@@ -175,17 +177,3 @@ def _first(by_load: Mapping[float, list[Outcome]], seed: int) -> TableData:
         rows.append((f"{load:.0f} N", *places, f"{apart:.2f} ({_paper(load):.2f})", last))
     head = ("payload", "(c) [m]", "(a) [m]", "truth [m]", "(c) to (a) [cm] (paper)", "(c) to the truth [cm]")
     return TableData.of("Table V", head, rows, f"Centres of mass of the trunk with its load, x and y; seed {seed}.")
-
-
-def _all(by_load: Mapping[float, list[Outcome]], count: int) -> TableData:
-    rows: list[Row] = []
-    for name, title in (("contact", "(c)"), ("contact_as_measured", "(c), torques as measured"), ("poses", "(a)")):
-        errors = [distances(outcomes, name, "truth") for outcomes in by_load.values()]
-        bounded = name == "contact"
-        cells = (
-            Cell(f"{np.median(e):.2f}, {max(e):.2f}", None, True, max(e) <= PAPER.bounds["plane"] if bounded else None)
-            for e in errors
-        )
-        rows.append((title, *cells))
-    head = ("‖δ‖ to the truth [cm]: median, largest", *(f"{load:.0f} N" for load in by_load))
-    return TableData.of(f"{count} seeds", head, rows)

@@ -31,7 +31,6 @@ from functools import cached_property
 import numpy as np
 
 from stadera.constants import GRAVITY
-from stadera.errors import ModelError
 from stadera.inertia import skew
 from stadera.information import Unknowns
 from stadera.robot.model import Robot
@@ -50,24 +49,10 @@ def constant_errors_of(robot: Robot) -> Unknowns:
 
 @dataclass(frozen=True, eq=False)
 class ConstantErrors:
-    """Prior of a robot's k constant errors, Gaussian with mean zero.
+    """Prior of a robot's k constant errors, Gaussian with mean zero."""
 
-    Attributes:
-        places: names and places of the errors.
-        covariance: (k, k), of torques [N·m], feet [m], vertical [rad] and links' masses (shares).
-
-    Raises:
-        ModelError: wrong shape, or not a covariance of positive variances.
-    """
-
-    places: Unknowns
-    covariance: Array
-
-    def __post_init__(self) -> None:
-        C, k = np.array(self.covariance, dtype=float), len(self.places)
-        if C.shape != (k, k) or not np.isfinite(C).all() or np.linalg.eigvalsh(C).min() <= 0:
-            raise ModelError(f"constant errors need a positive definite covariance {(k, k)}")
-        object.__setattr__(self, "covariance", C)
+    places: Unknowns  # names and places of the errors
+    covariance: Array  # (k, k), of torques [N·m], feet [m], vertical [rad] and links' masses (shares)
 
     @cached_property
     def root(self) -> Array:

@@ -19,7 +19,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stadera.constants import GRAVITY
-from stadera.errors import ModelError
 from stadera.information import Information, Unknowns
 from stadera.lab.laws.equilibrium import ConstantErrors, constant_errors_of, equilibrium_rows
 from stadera.lab.laws.static import StaticEstimator, stated_errors
@@ -38,20 +37,12 @@ SETTLED = StaticLimits(joint_velocity=0.02, quiet=0.5)
 
 @dataclass(frozen=True)
 class Alike:
-    """Largest difference between a sample and the mean of its pose.
+    """Largest difference between a sample and the mean of its pose."""
 
-    Attributes:
-        joint: of any joint [rad].
-        tilt: of the vertical [rad]; ignored if the vertical comes from the feet's forces, whose noise exceeds the tilt
-            between poses.
-    """
-
-    joint: float = 0.02
+    joint: float = 0.02  # of any joint [rad]
+    # of the vertical [rad]; ignored if the vertical comes from the feet's forces, whose noise exceeds the tilt between
+    # poses
     tilt: float = 0.01
-
-    def __post_init__(self) -> None:
-        if not (self.joint > 0 and self.tilt > 0):
-            raise ModelError(f"samples of a pose need positive tolerances, got {self.joint} rad, {self.tilt} rad")
 
 
 class PoseMean:
@@ -116,29 +107,19 @@ def _meant(m: Measurement) -> list[bool]:
 
 @dataclass(frozen=True)
 class PosesSettings:
-    """Settings of the estimate from poses.
+    """Settings of the estimate from poses."""
 
-    Attributes:
-        seek_errors: treat constant errors as unknowns; else they are considered.
-        kept: closed poses that are linearised again in every solution; older ones are summed up permanently.
-        iterations: largest number of Gauss-Newton iterations, if errors are sought.
-        settled: change of the centre of mass at which they stop [m].
-        observed: share of the plausible range's standard deviation below which a component counts as observed.
-        torque_constant, foot_position: sizes of torque offsets, as a share of the effort limits, and of errors of the
-            feet's positions [m] (1 σ); None for those of the forces' noise. The vertical's error is 0.2°.
-        still: limits for a robot at rest.
-        alike: criteria for samples of one pose.
-    """
-
-    seek_errors: bool = False
-    kept: int = 0
-    iterations: int = 6
-    settled: float = 1e-6
-    observed: float = 0.2
+    seek_errors: bool = False  # treat constant errors as unknowns; else they are considered
+    kept: int = 0  # closed poses that are linearised again in every solution; older ones are summed up permanently
+    iterations: int = 6  # largest number of Gauss-Newton iterations, if errors are sought
+    settled: float = 1e-6  # change of the centre of mass at which they stop [m]
+    observed: float = 0.2  # share of the plausible range's standard deviation below which a component is observed
+    # sizes of torque offsets, as a share of the effort limits, and of errors of the feet's positions [m] (1 σ); None
+    # for those of the forces' noise. The vertical's error is 0.2°.
     torque_constant: float | None = None
     foot_position: float | None = None
-    still: StaticLimits = SETTLED
-    alike: Alike = field(default_factory=Alike)
+    still: StaticLimits = SETTLED  # limits for a robot at rest
+    alike: Alike = field(default_factory=Alike)  # criteria for samples of one pose
 
 
 WIDE_TORQUE, WIDE_FOOT = 0.15, 0.03
@@ -149,19 +130,9 @@ COMBINED = PosesSettings(seek_errors=True, kept=64, torque_constant=WIDE_TORQUE,
 
 
 class PosesCom(StaticEstimator):
-    """Estimates all three components by least squares over the poses held so far, with bounded memory.
-
-    Args:
-        robot: the model of the legs.
-        start: value of components that no pose determines; None for the robot's own trunk.
-        forces: estimator of contact forces; None for a new one.
-        settings: None for the defaults, the paper's approach (a); `COMBINED` for errors as unknowns.
-
-    Attributes:
-        poses: number of poses held.
-
-    Raises:
-        ImplausibleError: the start is implausible.
+    """Estimates all three components by least squares over the poses held so far, with bounded memory: by default the
+    paper's approach (a), by `COMBINED` with errors as unknowns. `start` is the value of components that no pose
+    determines, `poses` the number of poses held.
     """
 
     _WITHOUT_IMU = True
@@ -271,13 +242,7 @@ def with_poses(
     poses: Iterable[PoseMean],
     errors: Array | None = None,
 ) -> Information:
-    """Adds the equations of some poses.
-
-    Args:
-        known: on trunk and errors.
-        forces: estimator of contact forces, with the noise that weights the rows.
-        errors: (k,), values of n at which the equations are linearised; None for zero.
-    """
+    """Information on trunk and errors with the equations of some poses, linearised at errors (k,); None for zero."""
     at = np.zeros(len(constant_errors_of(forces.robot))) if errors is None else errors
     for pose in poses:
         rows, target = equilibrium_rows(

@@ -81,9 +81,10 @@ class Settled:
     deviations, from the scatter of the innovations, is ignored. The estimate is then as close as the noise allows.
     """
 
-    def __init__(self, tolerance: float = 0.0005, quicker: float = 5.0, deviations: float = 2.0) -> None:
+    quicker, deviations = 5.0, 2.0
+
+    def __init__(self, tolerance: float = 0.0005) -> None:
         self.tolerance = tolerance
-        self._quicker, self._deviations = quicker, deviations
         self.restart()
 
     def restart(self) -> None:
@@ -93,7 +94,7 @@ class Settled:
 
     def take(self, innovation: Array, step: float) -> None:
         """Adds an innovation (k,); `step` is the estimate's own."""
-        share = min(self._quicker * step, 1.0)
+        share = min(self.quicker * step, 1.0)
         away = innovation - self._mean
         self._mean = self._mean + share * away
         self._spread += share * ((1.0 - share) * float(away @ away) - self._spread)
@@ -105,7 +106,7 @@ class Settled:
         """True if the estimate has settled; never before the mean covers a time constant."""
         if self._left >= exp(-1.0):
             return False
-        return float(np.sum(np.square(self._mean))) < self.tolerance**2 + self._deviations**2 * self._noise
+        return float(np.sum(np.square(self._mean))) < self.tolerance**2 + self.deviations**2 * self._noise
 
 
 SLOW = StaticLimits(angular_velocity=0.3, joint_velocity=0.5, specific_force=1.0, quiet=0.02)
@@ -168,14 +169,7 @@ class Instant:
 
 
 class RecursiveCom(StaticEstimator):
-    """A law that steps towards the centre of mass, first in a plane and then along a line.
-
-    Args:
-        robot: the model of the legs.
-        start: initial estimate; None for the robot's own trunk. Raises ImplausibleError: it is implausible.
-        forces: estimator of contact forces; None for a new one.
-        settings: None for the defaults.
-    """
+    """A law that steps towards the centre of mass, first in a plane and then along a line."""
 
     def __init__(
         self,
@@ -196,21 +190,17 @@ class RecursiveCom(StaticEstimator):
         self._before: Instant | None = None  # at the end of phase one
         self._step = 0.0
 
-    @property
-    def _leg_mass(self) -> float:
-        return self.forces.leg_mass
-
     def _robot_com(self, leg_moment: Array) -> Array:
         """Estimate of the whole robot's centre of mass, trunk frame (3,) [m]."""
         trunk = self._trunk
-        return np.asarray((trunk.mass * trunk.com_trunk + leg_moment) / (trunk.mass + self._leg_mass))
+        return np.asarray((trunk.mass * trunk.com_trunk + leg_moment) / (trunk.mass + self.forces.leg_mass))
 
     def _weighed(self, forces: ContactForces, up: Array, step: float) -> tuple[float, bool]:
         """The trunk's mass [kg] after this step (eq. 7), and whether it has settled."""
-        robot_mass = self._trunk.mass + self._leg_mass
+        robot_mass = self._trunk.mass + self.forces.leg_mass
         change = float(up @ forces.wrench[:3]) / GRAVITY - robot_mass
         self._mass_settled.take(np.array([change]), step)
-        return robot_mass + step * change - self._leg_mass, self._mass_settled.reached
+        return robot_mass + step * change - self.forces.leg_mass, self._mass_settled.reached
 
     def _selected(self, error: Array, up: Array) -> Array | None:
         """The innovation (3,) [m] from E δ of the trunk; None if the tilt is too small in phase two."""
@@ -316,7 +306,7 @@ class ContactCom(RecursiveCom):
         com = self._robot_com(forces.weights.moment)
         mass, weighed = self._weighed(forces, up, step)
         error = nearest - com
-        error = (1.0 + self._leg_mass / self._trunk.mass) * (error - up * float(up @ error))
+        error = (1.0 + self.forces.leg_mass / self._trunk.mass) * (error - up * float(up @ error))
         innovation = self._selected(error, up)
         if innovation is None:
             self._refuse(_NOT_TILTED)

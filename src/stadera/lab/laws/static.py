@@ -54,14 +54,8 @@ def white_covariance(forces: ContactForces) -> Array:
 class StaticEstimator(StepEstimator):
     """Base of estimators at rest: selects measurements, keeps the last good estimate, and tells why others are refused.
 
-    Args:
-        robot: the model of the legs.
-        start: initial estimate; None for the robot's own trunk.
-        forces: estimator of contact forces; None for a new one.
-        limits: for a robot at rest; None for the estimator's own.
-
-    Raises:
-        ImplausibleError: the start lies outside `TrunkBounds.of(robot)`.
+    `start` is the initial estimate, None for the robot's own trunk; ImplausibleError if it lies outside
+    `TrunkBounds.of(robot)`.
     """
 
     _WITHOUT_IMU = False  # whether its covariance includes a vertical computed from the forces
@@ -145,7 +139,7 @@ class MassSettings:
 
 class MassEstimator(StaticEstimator):
     """Weighs the trunk while the robot stands still: an `Estimator` of the mass only; `start` supplies the centre of
-    mass. Arguments: see `RecursiveCom`.
+    mass.
     """
 
     _WITHOUT_IMU = True

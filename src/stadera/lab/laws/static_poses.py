@@ -30,8 +30,11 @@ from stadera.types import Array
 
 @dataclass(frozen=True)
 class Reach:
-    """Requirements on the legs in a pose."""
+    """Sizes of the poses, and requirements on the legs in one."""
 
+    tilt: float = float(np.deg2rad(12.0))  # of the tilted poses [rad]
+    shift: float = 0.15  # of the shifted ones, as a share of the standing height
+    samples: int = 1000  # number in each pose, for the accuracy to expect
     least_load: float = 0.05  # on every foot, as a share of the robot's weight
     torque: float = 0.8  # largest torque of any joint, as a share of its effort limit
     least_size: float = 0.25  # share of its requested size below which a pose is given up
@@ -53,51 +56,24 @@ class PoseOffset:
         return PoseOffset(share * self.shift, share * self.turn)
 
 
-def static_poses(
-    robot: Robot, tilt: float = np.deg2rad(12.0), shift: float = 0.15, count: int = 11
-) -> tuple[PoseOffset, ...]:
-    """A small set of poses that determines the whole centre of mass: level, rolled and pitched, then shifted.
-
-    In this order: level, pitch and roll to both sides, then shifts to all sides and down. A pose that the legs cannot
-    reach, within the joints' limits and torques and with loaded feet, is reduced until they can.
-
-    Args:
-        tilt: of the tilted poses [rad].
-        shift: of the shifted ones, as a share of the standing height.
-        count: number of poses to use, of the eleven, from the first.
-
-    Raises:
-        ModelError: fewer than 1 or more than 11 poses, or a pose that the legs cannot reach at a quarter of its size.
+def static_poses(robot: Robot, count: int = 11) -> tuple[PoseOffset, ...]:
+    """The first of a small set of eleven poses that determines the whole centre of mass: level, pitched and rolled to
+    both sides, shifted to all sides and down, yawed. A pose that the legs cannot reach, within the joints' limits and
+    torques and with loaded feet, is reduced until they can; ModelError at a quarter of its size.
     """
-    height = -float(nominal_feet(robot)[:, 2].mean())
+    tilt, height = _REACH.tilt, -float(nominal_feet(robot)[:, 2].mean())
     x, y, z = np.eye(3)
     turns = [tilt * axis for axis in (y, -y, x, -x)]
-    shifts = [shift * height * axis for axis in (x, -x, y, -y, -z)]
+    shifts = [_REACH.shift * height * axis for axis in (x, -x, y, -y, -z)]
     wanted = [PoseOffset(), *(PoseOffset(turn=turn) for turn in turns), *(PoseOffset(shift=s) for s in shifts)]
     wanted.append(PoseOffset(turn=tilt * z))
-    if not 1 <= count <= len(wanted):
-        raise ModelError(f"there are 1 to {len(wanted)} static poses to choose from, got {count}")
     return tuple(_within_reach(robot, pose) for pose in wanted[:count])
 
 
-def expected_covariance(
-    robot: Robot,
-    poses: Sequence[PoseOffset],
-    errors: ConstantErrors,
-    *,
-    seek_errors: bool = False,
-    samples: int = 1000,
-) -> Array:
-    """Expected covariance (4, 4) of mass [kg] and CoM [m] of the robot's own trunk from holding these poses.
-
-    Args:
-        poses: relative to the nominal stance on level ground.
-        errors: constant over the run.
-        seek_errors: treat them as unknowns; else they are considered.
-        samples: number in each pose.
-
-    Raises:
-        ModelError: a pose is out of the legs' _REACH.
+def expected_covariance(robot: Robot, poses: Sequence[PoseOffset], errors: ConstantErrors) -> Array:
+    """Expected covariance (4, 4) of mass [kg] and CoM [m] of the robot's own trunk from holding these poses, relative
+    to the nominal stance on level ground, with errors that are constant over the run as unknowns. ModelError: a pose is
+    out of reach.
     """
     forces = ContactForceEstimator(robot)
     known = plausible(robot, TrunkModel.prior(robot), TrunkBounds.of(robot))
@@ -106,18 +82,14 @@ def expected_covariance(
         if measurement is None:
             raise ModelError(f"robot {robot.name}: pose {pose.shift} m, {pose.turn} rad is out of reach")
         mean = PoseMean(measurement)
-        mean.count = samples
+        mean.count = _REACH.samples
         known = with_poses(known, forces, [mean])
-    return centre_of(with_errors(known, errors, seek=seek_errors))[1]
+    return centre_of(with_errors(known, errors, seek=True))[1]
 
 
 def standing_still(robot: Robot, pose: PoseOffset) -> Measurement | None:
-    """Measurement of ideal sensors when the robot holds a pose on level ground; None if it cannot.
-
-    The contact forces are the smallest ones that hold it, which may need friction.
-
-    Args:
-        pose: relative to the nominal stance.
+    """Measurement of ideal sensors when the robot holds a pose, relative to the nominal stance, on level ground; None
+    if it cannot. The contact forces are the smallest ones that hold it, which may need friction.
     """
     rotation = Rotation.from_rotvec(pose.turn).as_matrix()
     try:

@@ -28,7 +28,6 @@ from stadera.robot.model import Robot
 from stadera.types import Array
 
 _XYZW = np.array([1, 2, 3, 0])
-_WXYZ = np.array([3, 0, 1, 2])
 
 
 class SimulationError(StaderaError):
@@ -59,18 +58,14 @@ class Plant:
         self._build()
 
     # -- running ----------------------------------------------------------------------------------------------
-    def reset(self, joint_position: ArrayLike, orientation: ArrayLike | None = None) -> None:
-        """Places the robot on the ground at rest at time zero, without payload: joint positions (n,) [rad] in the
-        tree's order, orientation a quaternion xyzw, None for parallel to the plane. The lowest foot touches the ground.
+    def reset(self, joint_position: ArrayLike) -> None:
+        """Places the robot on the ground at rest at time zero, parallel to the plane and without payload: joint
+        positions (n,) [rad] in the tree's order. The lowest foot touches the ground.
         """
         q = self._checked(joint_position, "joint positions")
         self._payloads, self._outside, self._steps = (), None, 0
         self._build()
-        quat = quaternion_wxyz(self.terrain.rotation)
-        if orientation is not None:
-            quat[:] = np.asarray(orientation, dtype=float)[_WXYZ]
-            mujoco.mju_normalize4(quat)
-        self._data.qpos[3:7], self._data.qpos[self._q] = quat, q
+        self._data.qpos[3:7], self._data.qpos[self._q] = quaternion_wxyz(self.terrain.rotation), q
         mujoco.mj_kinematics(self._model, self._data)
         gaps = self.terrain.clearance(self._data.geom_xpos[self._contacts.soles]) - self._radii
         if not isfinite(gaps.min()):

@@ -14,7 +14,7 @@ from scipy.linalg import block_diag
 from scipy.spatial.transform import Rotation
 
 from stadera.constants import ROUNDING
-from stadera.errors import ModelError, RecordingError, require_known
+from stadera.errors import ModelError, RecordingError
 from stadera.inertia import InertialParameters
 from stadera.lab.plant.plant import Plant
 from stadera.lab.plant.world import TrueState
@@ -98,12 +98,6 @@ HARSH = replace(
 ERROR_SETS = {"ideal": IDEAL, "standard": STANDARD, "harsh": HARSH}
 
 
-def sensor_errors(name: str) -> SensorErrors:
-    """The named set: ideal, standard or harsh."""
-    require_known("set of sensor errors", (name.lower(),), ERROR_SETS)
-    return ERROR_SETS[name.lower()]
-
-
 _XYZW = np.array([1, 2, 3, 0])
 
 
@@ -131,12 +125,12 @@ class Sensors:
         self.errors, self.robot = errors, robot
         constant, self._white = (np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(2))
         n = self._joint_count = len(robot.tree.joints)
-        torque = JointTorqueError.drawn(errors, robot, constant)
+        torque, torque_white = _torque_errors(errors, robot, constant)
         gyro = constant.normal(0.0, errors.gyro_constant, 3)
         accelerometer = constant.normal(0.0, errors.accelerometer_constant, 3)
         # of position, velocity, effort, gyro and accelerometer, in this order
-        self._offset = np.concatenate([np.zeros(2 * n), torque.constant, gyro, accelerometer])
-        white = [errors.position, errors.velocity, *torque.white, errors.gyro, errors.accelerometer]
+        self._offset = np.concatenate([np.zeros(2 * n), torque, gyro, accelerometer])
+        white = [errors.position, errors.velocity, *torque_white, errors.gyro, errors.accelerometer]
         self._scale = np.repeat(white, [n, n, *[1] * n, 3, 3])
         # The IMU is misaligned, r_nominal = mounting r_imu, and its orientation has a separate error.
         axis = constant.standard_normal(3)
@@ -197,27 +191,14 @@ class Sensors:
         return np.asarray(feet + noise)
 
 
-@dataclass(frozen=True, eq=False)
-class JointTorqueError:
-    """Errors of joint torques: constants of a run and standard deviations of the white part, (n,) each [N·m]."""
-
-    constant: Array
-    white: Array
-
-    @classmethod
-    def drawn(cls, errors: SensorErrors, robot: Robot, rng: np.random.Generator) -> JointTorqueError:
-        """Draws the constants of a run."""
-        n = len(robot.tree.joints)
-        limit = effort_limits(robot) if errors.torque or errors.torque_constant else np.zeros(n)
-        constant = errors.torque_constant * limit * rng.standard_normal(n)
-        offset = errors.torque_offset
-        if offset.drawn == "run":
-            return cls(constant + rng.normal(offset.mean, offset.std, n), errors.torque * limit)
-        return cls(constant + offset.mean, np.hypot(errors.torque * limit, offset.std))
-
-    def applied(self, effort: Array, rng: np.random.Generator) -> Array:
-        """Efforts (..., n) with errors."""
-        return effort + self.constant + self.white * rng.standard_normal(effort.shape)
+def _torque_errors(errors: SensorErrors, robot: Robot, rng: np.random.Generator) -> tuple[Array, Array]:
+    """Constant errors of joint torques, drawn for a run, and standard deviations of the white part, (n,) each [N·m]."""
+    n, offset = len(robot.tree.joints), errors.torque_offset
+    limit = effort_limits(robot) if errors.torque or errors.torque_constant else np.zeros(n)
+    constant = errors.torque_constant * limit * rng.standard_normal(n)
+    if offset.drawn == "run":
+        return constant + rng.normal(offset.mean, offset.std, n), errors.torque * limit
+    return constant + offset.mean, np.hypot(errors.torque * limit, offset.std)
 
 
 def measured(recording: Recording, robot: Robot, errors: SensorErrors, seed: int) -> Recording:
@@ -228,7 +209,7 @@ def measured(recording: Recording, robot: Robot, errors: SensorErrors, seed: int
     unchanged.
     """
     constant, white = (np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(2))
-    torque = JointTorqueError.drawn(errors, robot, constant)
+    torque, torque_white = _torque_errors(errors, robot, constant)
     effort = np.zeros((len(recording), len(robot.tree.joints)))
     robot.tree.restricted(recording.joints)  # raises for an unknown one
     columns = [robot.tree.joints.index(joint) for joint in recording.joints]
@@ -241,7 +222,7 @@ def measured(recording: Recording, robot: Robot, errors: SensorErrors, seed: int
         position=recording.position + errors.position * white.standard_normal(shape),
         velocity=recording.channel("velocity", recording.joints) + errors.velocity * white.standard_normal(shape),
         acceleration=None,
-        effort=torque.applied(effort, white)[:, columns],
+        effort=(effort + torque + torque_white * white.standard_normal(effort.shape))[:, columns],
         notes=(*recording.notes, f"sensor errors of seed {seed} were added"),
     )
 
@@ -303,7 +284,7 @@ def recording_of(samples: Sequence[SensorReading], robot: Robot, source: str = "
     )
 
 
-def truth_of(states: Sequence[TrueState], robot: Robot, source: str = "simulation's truth") -> Recording:
+def truth_of(states: Sequence[TrueState], robot: Robot) -> Recording:
     """The truth: joint motion with accelerations, efforts, and the forces of the ground on the feet in world axes."""
     forces, contacts = _stacked(states, "foot_force"), np.array([s.foot_contact for s in states])
     feet = [leg.foot for leg in robot.legs]
@@ -316,7 +297,7 @@ def truth_of(states: Sequence[TrueState], robot: Robot, source: str = "simulatio
         effort=_stacked(states, "effort"),
         foot_force={foot: np.ascontiguousarray(forces[:, k]) for k, foot in enumerate(feet)},
         foot_contact={foot: np.ascontiguousarray(contacts[:, k]) for k, foot in enumerate(feet)},
-        source=source,
+        source="simulation's truth",
     )
 
 
@@ -325,10 +306,8 @@ def _stacked(instants: Sequence[SensorReading] | Sequence[TrueState], name: str)
 
 
 def measurement_of(sample: SensorReading, mount: ImuMount, stance: Bools | None = None) -> Measurement:
-    """Converts one sample of the test-bed's sensors, which are in the IMU's axes.
-
-    Raises:
-        RecordingError: a value that is not finite.
+    """Converts one sample of the test-bed's sensors, which are in the IMU's axes. Raises RecordingError: a value that
+    is not finite.
     """
     q, qd, effort, orientation = sample.joint_position, sample.joint_velocity, sample.effort, sample.orientation
     gyro, accelerometer = sample.angular_velocity, sample.specific_force

@@ -11,10 +11,8 @@ from stadera.types import Array
 
 
 def whole_robot(robot: Robot) -> Robot:
-    """The robot with its joints outside the legs in its tree, after those of the legs; the same one without any.
-
-    Raises:
-        ModelError: one of them slides.
+    """The robot with its joints outside the legs in its tree, after those of the legs; the same one without any. Raises
+    ModelError: one of them slides.
     """
     extra, tree = robot.extra, robot.tree
     if extra is None:

@@ -87,7 +87,10 @@ def build_world(robot: Robot, terrain: Terrain, timestep: float, boxes: Sequence
     )
     for index, box in enumerate(boxes):
         _add_box(spec, box_body(index), box, timestep)
-    _add_imu(spec, trunk, ImuMount.of(robot))
+    mount = ImuMount.of(robot)
+    trunk.add_site(name=IMU, pos=mount.translation, quat=quaternion_wxyz(mount.rotation))
+    for kind in (mujoco.mjtSensor.mjSENS_GYRO, mujoco.mjtSensor.mjSENS_ACCELEROMETER):
+        spec.add_sensor(type=kind, objtype=mujoco.mjtObj.mjOBJ_SITE, objname=IMU, name=kind.name)
     model = compile_model(spec, robot, robot.tree)
     for index, box in enumerate(boxes):
         set_body_inertia(model, model.body(box_body(index)).id, box.parameters)
@@ -180,12 +183,6 @@ def _add_box(spec: mujoco.MjSpec, name: str, box: DroppedBox, timestep: float) -
         priority=1,  # its friction is used for any contact
         **_contact(timestep, box.friction, bits=(0, _FOOT_BIT | _BOX_BIT)),
     )
-
-
-def _add_imu(spec: mujoco.MjSpec, trunk: mujoco.MjsBody, mount: ImuMount) -> None:
-    trunk.add_site(name=IMU, pos=mount.translation, quat=quaternion_wxyz(mount.rotation))
-    for kind in (mujoco.mjtSensor.mjSENS_GYRO, mujoco.mjtSensor.mjSENS_ACCELEROMETER):
-        spec.add_sensor(type=kind, objtype=mujoco.mjtObj.mjOBJ_SITE, objname=IMU, name=kind.name)
 
 
 @dataclass(frozen=True, eq=False)

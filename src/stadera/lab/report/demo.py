@@ -1,54 +1,61 @@
-"""Report of the demo: terminal, page and plots."""
+"""Report of the demo: terminal, page and plots, and the data of its 3D scene: the robot's tree and parts, both films.
+
+A robot appears with its meshes if available (HyQ), else with rounded parts. A film's columns are stored as 16-bit
+integers between each column's least and largest value, in base64: the error is at most half of the range / 65534, 10 µm
+of a metre. -32768 marks missing values.
+"""
 
 import json
+from base64 import b64encode
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from importlib import resources
+from typing import Any
 
 import numpy as np
 from markupsafe import Markup
 from rich.console import RenderableType
 from rich.text import Text
+from scipy.spatial.transform import Rotation
 
-from stadera.inertia import InertialParameters
-from stadera.lab.demo import KNOWN, DemoResult, known_after, true_load
+from stadera.constants import GRAVITY
+from stadera.lab.demo import NAMES, DemoResult, DemoRun, true_load
 from stadera.lab.experiments.loaded_walk import LoadedWalkOutcome, WalkOutcome
-from stadera.lab.report.demo_scene import NAMES, scene
+from stadera.lab.plant.payload import Tray
 from stadera.lab.supervise.supervisor import Mode
 from stadera.report.figures import Axis, Figure, Guide, Panel, band, line, stacked
+from stadera.report.figures.robot import limbs, trunk_box
 from stadera.report.numbers import number, with_std
 from stadera.report.page import render, script_data
 from stadera.report.table import Cell, Row, TableData, rich_table
 from stadera.report.weigh.tables import place
+from stadera.robot import load_robot
+from stadera.robot.model import Robot
+from stadera.types import Array
 
 
 def demo_html(result: DemoResult) -> str:
     """The complete, self-contained page."""
     settings, identified = result.settings, result.identified.outcome
     drawn = scene(result)
+    marks = {event["mark"]: event["time"] for run in drawn["runs"] for event in run["events"] if "mark" in event}
     return render(
         "demo.html.j2",
         package="stadera.lab.report",
         title=f"{settings.mass:g} kg land on a walking robot",
         headline=headline(result),
         scene_label="Two robots side by side. " + headline(result),
-        moments=[(event["mark"], event["time"] + 0.05) for event in _marked(drawn["runs"])],
+        moments=[(mark, time + 0.05) for mark, time in sorted(marks.items(), key=lambda moment: moment[1])],
         scene=script_data(json.dumps(drawn, separators=(",", ":"), allow_nan=False)),
         library=Markup((resources.files("stadera.lab.report") / "vendor" / "three.min.js").read_text(encoding="utf-8")),
         comparison=comparison_table(result),
-        cards=list(_cards(result, true_load(identified))),
+        cards=[dict(zip(("label", "figure", "unit"), card, strict=True)) for card in _cards(result)],
         load=load_table(identified) if identified.payload is not None else None,
         log=log_table(identified),
         plots=list(_plots(result)),
         classic=settings.classic,
         facts=_facts(result),
     )
-
-
-def _marked(runs: list[dict[str, list[dict[str, str | float]]]]) -> list[dict[str, float]]:
-    """Moments of interest, without duplicates, in order of time."""
-    marks = {str(event["mark"]): event for run in runs for event in run["events"] if "mark" in event}
-    return sorted(marks.values(), key=lambda event: event["time"])  # type: ignore[return-value, arg-type]
 
 
 def _facts(result: DemoResult) -> dict[str, str]:
@@ -64,22 +71,17 @@ def _facts(result: DemoResult) -> dict[str, str]:
     }
 
 
-def _cards(result: DemoResult, load: InertialParameters) -> Iterator[dict[str, str]]:
-    """Arguments of the macro `card`, for the run with identification."""
+def _cards(result: DemoResult) -> Iterator[tuple[str, str, str]]:
+    """Label, figure and unit of each card, for the run with identification."""
     identified = result.identified.outcome
-    yield _card("Noticed after", f"{identified.noticed_after:.2f}", "s")
+    if identified.noticed_after is not None:
+        yield "Noticed after", f"{identified.noticed_after:.2f}", "s"
     if identified.updated_after is not None:
-        yield _card("Walks by the new trunk after", f"{identified.updated_after:.2f}", "s")
-    if (known := known_after(result.identified)) is not None:
-        share, length = KNOWN
-        yield _card(f"Known to {100 * share:g} % and {1e3 * length:g} mm (2σ) after", f"{known:.2f}", "s")
+        yield "Walks by the new trunk after", f"{identified.updated_after:.2f}", "s"
     if (payload := identified.payload) is not None:
-        yield _card(f"Box weighed, truth {number(load.mass)} kg", with_std(payload.mass, payload.mass_std), "kg")
-    yield _card("Trunk's centre of mass off by", f"{100.0 * identified.com_error:.1f}", "cm in x-y")
-
-
-def _card(label: str, figure: str, unit: str) -> dict[str, str]:
-    return {"label": label, "figure": figure, "unit": unit}
+        truth = number(true_load(identified).mass)
+        yield f"Box weighed, truth {truth} kg", with_std(payload.mass, payload.mass_std), "kg"
+    yield "Trunk's centre of mass off by", f"{100.0 * identified.com_error:.1f}", "cm in x-y"
 
 
 def _plots(result: DemoResult) -> Iterator[Figure]:
@@ -106,7 +108,7 @@ _SHADES = {
 def margin_figure(result: DemoResult, note: str = "") -> Figure:
     """Margin of the true centre of mass in the support polygon, in both runs."""
     marks = tuple(
-        line(run.outcome.trace.time, 100.0 * run.outcome.margin, name, colour)
+        line(run.outcome.trace.time, 100.0 * run.outcome.trace.margin, name, colour)
         for name, run, colour in zip(NAMES, result.runs, ("red", "blue"), strict=True)
     )
     panel = Panel(Axis(), Axis("margin [cm]"), marks, (Guide(0.0, of="y", colour="ink"),))
@@ -172,7 +174,7 @@ def _spans(outcome: LoadedWalkOutcome) -> list[tuple[float, float, Mode]]:
 
 def demo_tables(result: DemoResult) -> Iterator[RenderableType]:
     """Outcomes of both runs, the estimated payload, and the supervisor's actions."""
-    worked = result.identified.outcome.verdict.outcome is WalkOutcome.WALKED
+    worked = result.identified.outcome.trace.outcome is WalkOutcome.WALKED
     yield Text(headline(result), style="bold" if worked else "bold red")
     yield rich_table(comparison_table(result))
     identified = result.identified.outcome
@@ -193,11 +195,11 @@ def headline(result: DemoResult) -> str:
 def _ended(outcome: LoadedWalkOutcome) -> str:
     """Outcome of a run, as the end of a sentence."""
     trace = outcome.trace
-    match outcome.verdict.outcome:
+    match trace.outcome:
         case WalkOutcome.FELL:
             return f"falls after {trace.time[-1] - trace.loaded_at:.1f} s"
         case WalkOutcome.STUCK:
-            return f"gets stuck after {trace.distance:.2f} m: {outcome.verdict.reasons[0]}"
+            return f"gets stuck after {trace.distance:.2f} m: {trace.reasons[0]}"
         case WalkOutcome.WALKED if trace.steps_lost:
             return f"walks on after {outcome.updated_after or np.nan:.1f} s, {trace.steps_lost} steps lost"
         case WalkOutcome.WALKED:
@@ -211,8 +213,8 @@ def comparison_table(result: DemoResult) -> TableData:
         return name, shown(result.without.outcome), shown(result.identified.outcome)
 
     def ended(outcome: LoadedWalkOutcome) -> Cell:
-        verdict = outcome.verdict
-        return Cell(str(verdict.outcome), strong=True, good=verdict.outcome is WalkOutcome.WALKED)
+        how = outcome.trace.outcome
+        return Cell(str(how), strong=True, good=how is WalkOutcome.WALKED)
 
     def lost(outcome: LoadedWalkOutcome) -> str:
         return "–" if outcome.trace.fall else str(outcome.trace.steps_lost)
@@ -223,10 +225,10 @@ def comparison_table(result: DemoResult) -> TableData:
 
     rows = (
         each("outcome", ended),
-        each("because", lambda o: "; ".join(o.verdict.reasons) or "–"),
+        each("because", lambda o: "; ".join(o.trace.reasons) or "–"),
         each("got ahead, of what was commanded [m]", ahead),
         each("steps lost", lost),
-        each("least margin of the true centre of mass [cm]", lambda o: f"{100.0 * o.least_margin_ever:.1f}"),
+        each("least margin of the true centre of mass [cm]", lambda o: f"{100.0 * o.trace.least_margin:.1f}"),
         each("error of the trunk's mass in the controller [kg]", lambda o: f"{o.model.mass - o.truth.mass:+.2f}"),
         each("error of its centre of mass in x-y, the same [cm]", lambda o: f"{100.0 * o.com_error:.2f}"),
     )
@@ -248,3 +250,162 @@ def log_table(outcome: LoadedWalkOutcome) -> TableData:
     """Changes of the supervisor's state, and their reasons."""
     rows = ((f"{t.time:.2f}", str(t.after), t.reason) for t in outcome.transitions)
     return TableData.of("What the supervisor did", ("time [s]", "state", "because"), rows, sides="lww")
+
+
+# -- the scene --------------------------------------------------------------------------------------------------------
+def robot_parts(robot: Robot) -> dict[str, Any]:
+    """Plain values, metres in the link's frame: meshes, each packed once, and parts on the tree's numbered links."""
+    found, joints = _bundled(robot.name), robot.tree.joints
+    if not {part["joint"] for part in found["parts"]} <= {None, *joints}:  # another model by the same name
+        found = {"meshes": {}, "parts": []}
+    parts = [_mesh_part(part, joints) for part in found["parts"]]
+    return {"meshes": found["meshes"], "parts": [*(parts or _rounded(robot)), _plate(robot), *_feet(robot)]}
+
+
+def _bundled(name: str) -> dict[str, Any]:
+    file = resources.files("stadera.lab.report") / "vendor" / f"{name}.json"
+    if not file.is_file():
+        return {"meshes": {}, "parts": []}
+    return dict(json.loads(file.read_text(encoding="utf-8")))
+
+
+def _mesh_part(part: dict[str, Any], joints: tuple[str, ...]) -> dict[str, Any]:
+    joint = joints.index(part["joint"]) if part["joint"] else None
+    place = {"link": 0 if joint is None else joint + 1, "at": part["at"], "turn": part["turn"]}
+    return {"kind": "mesh", "mesh": part["mesh"], **place} | ({} if joint is None else {"joint": joint})
+
+
+def _plate(robot: Robot) -> dict[str, Any]:
+    """The plate on which boxes land; slightly higher than in the plant, so that it covers a back at the same height."""
+    tray = Tray.of(robot)
+    cover = 0.002  # m
+    at = tray.centre + np.array([0.0, 0.0, cover])
+    return {"link": 0, "kind": "plate", "size": short(2.0 * tray.half_size), "at": short(at), "turn": [0, 0, 0, 1]}
+
+
+def _rounded(robot: Robot) -> Iterator[dict[str, Any]]:
+    """Yields a trunk, and legs from joint to joint."""
+    if (box := trunk_box(robot)) is not None:  # lower by the thickness of the plate on top of it
+        under = np.array([0.0, 0.0, 2.0 * Tray.of(robot).half_size[2]])
+        turn = short(Rotation.from_matrix(box.rotation).as_quat())
+        size, at = short(box.size), short(box.translation - under)
+        yield {"link": 0, "kind": "body", "size": size, "at": at, "turn": turn}
+    for part in (part for leg in robot.legs for part in limbs(robot, leg)):
+        along = part.centres[-1] - part.centres[0]
+        if part.kind == "limb":
+            yield {"link": part.link, "kind": "limb", "to": short(part.centres[-1]), "radii": short(part.radii)}
+        elif part.kind == "drive":
+            width = float(np.linalg.norm(along))
+            drum = {"axis": short(along / width), "radius": part.radii[0], "width": width}
+            yield {"link": part.link, "kind": "drive", "joint": part.link - 1, **drum}
+
+
+def _feet(robot: Robot) -> Iterator[dict[str, Any]]:
+    for part in (part for leg in robot.legs for part in limbs(robot, leg) if part.kind == "foot"):
+        for at, radius in zip(part.centres, part.radii.tolist(), strict=True):
+            yield {"link": part.link, "kind": "foot", "at": short(at), "radius": radius}
+
+
+def short(values: Any) -> list[float]:
+    """Rounds each value to six digits."""
+    return [float(f"{value:.6g}") for value in values]
+
+
+_MOST, _NONE = 32767, -32768
+_COLUMNS = ("trunk", "joints", "box", "feet", "force", "down", "limited", "com", "model", "margin")
+
+
+def scene(result: DemoResult) -> dict[str, Any]:
+    """Plain values for `walk_view.js`: metres, seconds, quaternions xyzw; links are numbered as in the robot's tree."""
+    settings, robot = result.settings, load_robot(result.settings.robot)
+    return {
+        "load": settings.load_at,
+        "box": list(settings.size),
+        "weight": robot.mass * GRAVITY,
+        "robot": {"joints": list(_joints(robot)), **robot_parts(robot)},
+        "runs": [_run(run, name, result) for name, run in zip(NAMES, result.runs, strict=True)],
+    }
+
+
+def _run(run: DemoRun, name: str, result: DemoResult) -> dict[str, Any]:
+    film, before = run.film, 2.0  # time shown before the drop [s]
+    shown = film.time >= result.settings.load_at - before - 1e-6
+    columns = {name: getattr(film, name)[shown].reshape(int(shown.sum()), -1) for name in _COLUMNS}
+    return {
+        "name": name,
+        "good": run.outcome.trace.outcome is WalkOutcome.WALKED,
+        "begin": float(film.time[shown][0]),
+        "every": float(np.median(np.diff(film.time))),
+        "frames": int(shown.sum()),
+        "widths": {name: values.shape[1] for name, values in columns.items()},
+        "events": list(_events(run, result.settings.mass)),
+        **packed(np.concatenate([_smooth(name, values) for name, values in columns.items()], axis=1)),
+    }
+
+
+def _smooth(name: str, values: Array) -> Array:
+    """Quaternions with the sign nearest to the previous frame, for interpolation."""
+    if name not in ("trunk", "box"):
+        return values.astype(float)
+    found = np.array(values)
+    turns = found[:, 3:]
+    flips = np.nancumprod(np.where((turns[1:] * turns[:-1]).sum(axis=1) < 0.0, -1.0, 1.0))
+    turns[1:] *= flips[:, None]
+    return found
+
+
+def packed(values: Array) -> dict[str, Any]:
+    """Columns (k, c) as {low, step: c numbers each, data: base64 of int16 little-endian, row by row}."""
+    seen = np.isfinite(values)
+    low, high = np.where(seen, values, np.inf).min(axis=0), np.where(seen, values, -np.inf).max(axis=0)
+    low, high = np.where(seen.any(axis=0), low, 0.0), np.where(seen.any(axis=0), high, 0.0)
+    step = (high - low) / (2 * _MOST)
+    scaled = np.where(seen, (values - low) / np.where(step > 0.0, step, 1.0) - _MOST, _NONE)
+    return {
+        "low": [float(f"{v:.7g}") for v in low],
+        "step": [float(f"{v:.7g}") for v in step],
+        "data": b64encode(np.rint(scaled).astype("<i2").tobytes()).decode(),
+    }
+
+
+def _events(run: DemoRun, mass: float) -> Iterator[dict[str, Any]]:
+    """Yields captions on a robot with their times, in order; `mark` names a moment of interest."""
+    outcome = run.outcome
+    trace, payload = outcome.trace, outcome.payload
+    yield {"time": 0.0, "text": "walking", "level": ""}
+    lands = float(trace.time[trace.since])
+    yield {"time": lands, "text": f"{mass:.0f} kg land", "level": "", "mark": "box lands"}
+    if (trace.fall is not None) and (tips := _tips(run)) is not None:
+        yield {"time": tips, "text": "tips over", "level": "bad", "mark": "tips over"}
+    for transition in outcome.transitions:
+        text, mark = str(transition.after), str(transition.after)
+        if transition.after is Mode.WEIGHING:
+            text = mark = "load noticed"
+        elif transition.after is Mode.WALKING and payload is not None:
+            text, mark = f"weighed {with_std(payload.mass, payload.mass_std)} kg, walking on", "weighed"
+        yield {"time": transition.time, "text": text, "level": "good", "mark": mark}
+    if trace.fall is not None:
+        text = f"fell after {trace.fall.time - trace.loaded_at:.1f} s"
+        yield {"time": trace.fall.time, "text": text, "level": "bad", "mark": "falls"}
+    elif trace.outcome is WalkOutcome.STUCK:
+        yield {"time": trace.loaded_at + 1.0, "text": "stuck", "level": "bad"}
+
+
+def _tips(run: DemoRun) -> float | None:
+    """Time at which the trunk is first tilted by more than 10° with the load."""
+    film = run.film
+    upright = 1.0 - 2.0 * (film.trunk[:, 3] ** 2 + film.trunk[:, 4] ** 2)
+    tilted = np.flatnonzero((upright < np.cos(np.deg2rad(10.0))) & (film.time > run.outcome.trace.loaded_at))
+    return float(film.time[tilted[0]]) if len(tilted) else None
+
+
+def _joints(robot: Robot) -> Iterator[dict[str, Any]]:
+    tree = robot.tree
+    turns = Rotation.from_matrix(tree.rotations).as_quat()
+    for k, parent in enumerate(tree.parents):
+        yield {
+            "parent": parent,
+            "at": short(tree.translations[k]),
+            "turn": short(turns[k]),
+            "axis": short(tree.axes[k]),
+        }

@@ -83,6 +83,7 @@ def experiments_html(results: Sequence[ExperimentResult | Skipped]) -> str:
     missed = sum(len(result.missed) for result in done)
     bounded = sum(record.met is not None for result in done for record in result.records)
     level, word, said, why = _verdict(missed, bounded)
+    again = f"stadera reproduce {done[0].name if len(done) == 1 else 'table1'}"
     return render(
         "experiments.html.j2",
         package="stadera.lab.report",
@@ -91,7 +92,10 @@ def experiments_html(results: Sequence[ExperimentResult | Skipped]) -> str:
         headline=f"{said}.",
         word=word,
         why=why,
-        next=_next_steps(done),
+        next=(
+            f"Draw everything anew: `{again} --seed 1`.",
+            f"Take the figures and tables along: `{again} --figure F.pdf --latex F.tex --json F.json`.",
+        ),
         paper=PAPER_CITED if any(result.differs for result in done) else None,
         outcomes=[_outcome(result) for result in results],
         experiments=[_experiment(result) for result in done],
@@ -105,14 +109,6 @@ def _verdict(missed: int, bounded: int) -> tuple[str, str, str, str]:
     if bounded:
         return "note", "All met", f"{bounded} of {counted(bounded, 'bound')} met", ""
     return "note", "Measured", "No bound is set; values alone", ""
-
-
-def _next_steps(done: Sequence[ExperimentResult]) -> tuple[str, ...]:
-    name = done[0].name if len(done) == 1 else "table1"
-    return (
-        f"Draw everything anew: `stadera reproduce {name} --seed 1`.",
-        f"Take the figures and tables along: `stadera reproduce {name} --figure F.pdf --latex F.tex --json F.json`.",
-    )
 
 
 def _outcome(result: ExperimentResult | Skipped) -> tuple[str, str, str]:

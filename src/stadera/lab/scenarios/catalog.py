@@ -21,7 +21,7 @@ from stadera.lab.control.trunk import TrunkController
 from stadera.lab.control.whole_body import WholeBody
 from stadera.lab.laws.static_poses import static_poses
 from stadera.lab.plant.payload import OutsideForce, Payload, RigidMass, VirtualForce
-from stadera.lab.plant.sensors import ERROR_SETS, SensorErrors, sensor_errors
+from stadera.lab.plant.sensors import ERROR_SETS, SensorErrors
 from stadera.lab.plant.whole import on_link
 from stadera.lab.reality.draw import REAL_SETS, RealSizes
 from stadera.logs.recording import Recording
@@ -100,7 +100,7 @@ class SimulateSettings:
     @property
     def sensor_errors(self) -> SensorErrors:
         """Errors of the controller's sensors; with real errors it has separate sensors of `standard` quality."""
-        return sensor_errors("standard" if self.real_sizes else self.errors)
+        return ERROR_SETS["standard" if self.real_sizes else self.errors.lower()]
 
     @property
     def real_sizes(self) -> RealSizes | None:
@@ -166,7 +166,7 @@ class ScriptEvent:
 
 
 Script = Callable[[Robot, SimulateSettings, float], Sequence[ScriptEvent]]
-"""Events of a run, from a robot, settings and a duration [s]."""
+"""Events of a run besides its load, from a robot, settings and a duration [s]."""
 
 ControllerOf = Callable[[Robot, TrunkModel], Controller]
 """Controller for a robot model and an initial trunk model."""
@@ -180,23 +180,30 @@ def _crawling(robot: Robot, trunk: TrunkModel) -> Controller:
     return Crawl(TrunkController(robot, trunk=trunk))
 
 
+def _after_a_while(settings: SimulateSettings, duration: float) -> float:
+    return DEFAULTS.load_after * duration
+
+
 @dataclass(frozen=True)
 class Scenario:
     """A scenario."""
 
     summary: str  # one line
     duration: float  # default duration [s]
-    script: Script  # its events
+    events: Script | None = None  # besides the load
+    own: bool = False  # whether it has a load of its own, where the settings have none
+    load_time: Callable[[SimulateSettings, float], float] = _after_a_while  # of the load [s], from the duration [s]
     slope: float = 0.0  # default slope [rad]
     controller: ControllerOf = _standing  # of stance and gait
 
-
-def _stand(robot: Robot, settings: SimulateSettings, duration: float) -> Sequence[ScriptEvent]:
-    return _loading(robot, settings, 0.0)
-
-
-def _stand_load(robot: Robot, settings: SimulateSettings, duration: float) -> Sequence[ScriptEvent]:
-    return _loading(robot, settings, DEFAULTS.load_after * duration, own=True)
+    def script(self, robot: Robot, settings: SimulateSettings, duration: float) -> list[ScriptEvent]:
+        """Events of a run of this duration [s], in order of time."""
+        events = [*self.events(robot, settings, duration)] if self.events else []
+        if settings.load is not None or self.own:
+            payload = (settings.load or Load(round(DEFAULTS.load * robot.mass, 2))).payload(robot)
+            when = self.load_time(settings, duration) if settings.load_time is None else settings.load_time
+            events.append(ScriptEvent(when, lambda bed: bed.plant.apply_payload(payload)))
+        return sorted(events, key=lambda event: event.time)
 
 
 def _poses(robot: Robot, settings: SimulateSettings, duration: float) -> Sequence[ScriptEvent]:
@@ -210,26 +217,23 @@ def _poses(robot: Robot, settings: SimulateSettings, duration: float) -> Sequenc
         bed.trunk_controller.move(start.moved(start.rotation @ shift, turn), DEFAULTS.moving * each)
 
     return [
-        *_stand(robot, settings, duration),
         ScriptEvent(0.5 * each, lambda bed: nominal.append(bed.trunk_controller.reference)),
         *(ScriptEvent(k * each, partial(move, shift=p.shift, turn=p.turn)) for k, p in enumerate(poses) if k),
     ]
 
 
-def _motion(start: Callable[[TestBed, SimulateSettings], None], own: bool = False) -> Script:
-    """A motion that starts after a short stand, and a load: that of the settings, or the scenario's `own`."""
+def _motion(start: Callable[[TestBed, SimulateSettings], None]) -> Script:
+    """A motion that starts after a short stand."""
+    return lambda robot, settings, duration: [ScriptEvent(DEFAULTS.still, lambda bed: start(bed, settings))]
 
-    def script(robot: Robot, settings: SimulateSettings, duration: float) -> Sequence[ScriptEvent]:
-        begin = ScriptEvent(DEFAULTS.still, lambda bed: start(bed, settings))
-        return [begin, *_loading(robot, settings, DEFAULTS.load_after * duration, own)]
 
-    return script
+def _trotter(bed: TestBed) -> Trot:
+    assert isinstance(bed.controller, Trot)
+    return bed.controller
 
 
 def _trot(bed: TestBed, settings: SimulateSettings) -> None:
-    speed = DEFAULTS.trot if settings.speed is None else settings.speed
-    assert isinstance(bed.controller, Trot)
-    bed.controller.walk((speed, 0.0), settings.turn)
+    _trotter(bed).walk((DEFAULTS.trot if settings.speed is None else settings.speed, 0.0), settings.turn)
 
 
 def _errands(robot: Robot, settings: SimulateSettings, duration: float) -> Sequence[ScriptEvent]:
@@ -238,17 +242,12 @@ def _errands(robot: Robot, settings: SimulateSettings, duration: float) -> Seque
     events: list[ScriptEvent] = []
 
     def walk(bed: TestBed, ahead: float, turn: float) -> None:
-        assert isinstance(bed.controller, Trot)
-        speed = ahead * DEFAULTS.fastest * GRAVITY * bed.controller.settings.pendulum
-        bed.controller.walk((speed, 0.0), turn * DEFAULTS.fastest_turn)
-
-    def stop(bed: TestBed) -> None:
-        assert isinstance(bed.controller, Trot)
-        bed.controller.stop()
+        trot = _trotter(bed)
+        speed = ahead * DEFAULTS.fastest * GRAVITY * trot.settings.pendulum
+        trot.walk((speed, 0.0), turn * DEFAULTS.fastest_turn)
 
     def sway(bed: TestBed) -> None:
-        assert isinstance(bed.controller, Trot)
-        if not bed.controller.stepping:
+        if not _trotter(bed).stepping:
             _shake(bed, settings)
 
     while time < duration:
@@ -256,10 +255,12 @@ def _errands(robot: Robot, settings: SimulateSettings, duration: float) -> Seque
             turn = float(rng.choice((-1.0, 0.0, 1.0)))
             events.append(ScriptEvent(time, partial(walk, ahead=rng.uniform(0.0, 1.0), turn=turn)))
             time += rng.uniform(2.0, 5.0)
-        events += [ScriptEvent(time, stop), *([ScriptEvent(time + 2.0, sway)] * bool(rng.uniform() < 0.3))]
+        events += [
+            ScriptEvent(time, lambda bed: _trotter(bed).stop()),
+            *([ScriptEvent(time + 2.0, sway)] * bool(rng.uniform() < 0.3)),
+        ]
         time += rng.uniform(2.0, 5.0)
-    events = [event for event in events if event.time < duration]
-    return [*events, *_loading(robot, settings, DEFAULTS.load_after * duration)]
+    return [event for event in events if event.time < duration]
 
 
 def _shake(bed: TestBed, settings: SimulateSettings) -> None:
@@ -277,8 +278,7 @@ def _squats(robot: Robot, settings: SimulateSettings, duration: float) -> Sequen
         controller.move(start[0].moved(shift, np.zeros(3)), DEFAULTS.squat)
 
     times = np.arange(DEFAULTS.between, duration, DEFAULTS.squat)
-    squats = [ScriptEvent(float(t), partial(move, shift=(1 - k % 2) * down)) for k, t in enumerate(times)]
-    return [*squats, *_loading(robot, settings, DEFAULTS.load_after * duration)]
+    return [ScriptEvent(float(t), partial(move, shift=(1 - k % 2) * down)) for k, t in enumerate(times)]
 
 
 def _crawl(bed: TestBed, settings: SimulateSettings) -> None:
@@ -290,62 +290,59 @@ def _crawl(bed: TestBed, settings: SimulateSettings) -> None:
     crawl.resume()
 
 
-def _played(robot: Robot, settings: SimulateSettings, duration: float) -> Sequence[ScriptEvent]:
-    """The motion twice, with the load in between."""
-    table = settings.motion
-    if table is None:
+def _again(settings: SimulateSettings) -> float:
+    """Time at which the motion is played a second time [s]."""
+    if (table := settings.motion) is None:
         raise StaderaError("the scenario 'motion' plays a table, --motion F.csv: see `stadera excite --trunk`")
-    again = DEFAULTS.between + float(table.time[-1] - table.time[0])
+    return 2.0 * DEFAULTS.between + float(table.time[-1] - table.time[0])
+
+
+def _played(robot: Robot, settings: SimulateSettings, duration: float) -> Sequence[ScriptEvent]:
+    """The motion twice."""
 
     def play(bed: TestBed) -> None:
         assert isinstance(bed.controller, Played)
-        bed.controller.play(table)
+        assert settings.motion is not None
+        bed.controller.play(settings.motion)
 
-    load = _loading(robot, settings, DEFAULTS.between + again - 0.5 * DEFAULTS.between)
-    return [ScriptEvent(DEFAULTS.between, play), ScriptEvent(DEFAULTS.between + again, play), *load]
-
-
-def _loading(robot: Robot, settings: SimulateSettings, time: float, own: bool = False) -> Sequence[ScriptEvent]:
-    """The settings' load at the settings' time, else at this time [s]; without one the scenario's `own`, if any."""
-    if settings.load is None and not own:
-        return []
-    payload = (settings.load or Load(round(DEFAULTS.load * robot.mass, 2))).payload(robot)
-    when = time if settings.load_time is None else settings.load_time
-    return [ScriptEvent(when, lambda bed: bed.plant.apply_payload(payload))]
+    return [ScriptEvent(time, play) for time in (DEFAULTS.between, _again(settings))]
 
 
 _LATER, _OWN = "with --load after 40 % of the time", "a load (10 % of its mass) is added after 40 % of the time"
 
 SCENARIOS: Mapping[str, Scenario] = MappingProxyType(
     {
-        "stand": Scenario("stands still, with --load from the beginning", 8.0, _stand),
-        "stand-load": Scenario(f"stands still; {_OWN}", 12.0, _stand_load),
-        "poses": Scenario("holds eleven poses of the trunk, for the method 'poses'", 33.0, _poses),
+        "stand": Scenario("stands still, with --load from the beginning", 8.0, load_time=lambda *_: 0.0),
+        "stand-load": Scenario(f"stands still; {_OWN}", 12.0, own=True),
+        "poses": Scenario(
+            "holds eleven poses of the trunk, for the method 'poses'", 33.0, _poses, load_time=lambda *_: 0.0
+        ),
         "trot": Scenario(f"trots at 0.3 m/s, {_LATER}", 8.0, _motion(_trot), controller=Trot.of),
-        "trot-load": Scenario(f"trots; {_OWN}", 8.0, _motion(_trot, own=True), controller=Trot.of),
+        "trot-load": Scenario(f"trots; {_OWN}", 8.0, _motion(_trot), own=True, controller=Trot.of),
         "errands": Scenario(f"trots, turns, stops and sways at random, {_LATER}", 20.0, _errands, controller=Trot.of),
         "crawl": Scenario(f"crawls at 0.1 m/s, {_LATER}", 12.0, _motion(_crawl), controller=_crawling),
-        "crawl-load": Scenario(f"crawls; {_OWN}", 12.0, _motion(_crawl, own=True), controller=_crawling),
+        "crawl-load": Scenario(f"crawls; {_OWN}", 12.0, _motion(_crawl), own=True, controller=_crawling),
         "shake": Scenario(f"stands with a small motion of the body, {_LATER}", 8.0, _motion(_shake)),
-        "shake-load": Scenario(f"stands with a small motion; {_OWN}", 8.0, _motion(_shake, own=True)),
+        "shake-load": Scenario(f"stands with a small motion; {_OWN}", 8.0, _motion(_shake), own=True),
         "squat": Scenario(f"squats by 12 % of the leg every 2.4 s, {_LATER}", 8.0, _squats),
         "motion": Scenario(
             "plays --motion F.csv twice by a joint PD controller, with --load in between",
             13.0,
             _played,
+            load_time=lambda settings, _: _again(settings) - 0.5 * DEFAULTS.between,
             controller=lambda robot, trunk: Played(TrunkController(robot, trunk=trunk)),
         ),
-        "ramp": Scenario("stands still on a ramp that rises by 10°", 8.0, _stand, float(np.deg2rad(10.0))),
+        "ramp": Scenario(
+            "stands still on a ramp that rises by 10°", 8.0, load_time=lambda *_: 0.0, slope=float(np.deg2rad(10.0))
+        ),
     }
 )
 """By name."""
 
 
 def controlled(scenario: Scenario, robot: Robot, whole: Robot, arms: Arms) -> tuple[Controller, ArmTorques | None]:
-    """The controller of a robot, whole or as its model file is loaded, and what moves the arms if it does not.
-
-    Raises:
-        StaderaError: the scenario has a gait, and the robot is no quadruped.
+    """The controller of a robot, whole or as its model file is loaded, and what moves the arms if it does not. Raises
+    StaderaError: the scenario has a gait, and the robot is no quadruped.
     """
     if robot.quadruped:
         return scenario.controller(robot, TrunkModel.prior(robot)), ArmTorques(whole, arms) if robot.extra else None

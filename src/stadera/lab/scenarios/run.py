@@ -116,7 +116,7 @@ def simulate(
     # of the trunk that is weighed, which contains the arms at their reference
     arm = as_loaded(made.real, robot).inertias[robot.trunk] - made.real.inertias[robot.trunk]
     falls = Falls(plant)
-    moments = _played(bed, sorted(script, key=lambda event: event.time), duration, arm, falls, progress)
+    moments = _played(bed, script, duration, arm, falls, progress)
     truth = Truth(
         robot=robot.name,
         scenario=name,

@@ -10,9 +10,8 @@ the paper's section V.C: the robot stops, and is weighed at rest. Until then con
 trunk. STANDING is final: the robot cannot continue, for the reason given. Supervisors have no side effects other
 than commanding the walker, and store events as values.
 
-An estimate is used only when it is accurate enough (`TrustedEstimator`). For a controller an outdated estimate is
-safer than one that has not converged. After a change of the load the error bars are wide; until they are narrow
-again, the last sufficiently accurate estimate is returned, marked as refused.
+An estimate is used only when it is accurate enough: for a controller an outdated one is safer than one that has not
+converged. After a change of the load the error bars are wide, and until they are narrow again nothing is passed on.
 
 The robot is strong enough to walk with a load if it can stand on any three legs (`hardest_effort`). A statically
 stable crawl lifts each leg in turn while the centre of mass is over the triangle of the others. In the nominal
@@ -24,14 +23,14 @@ vertical forces f_i hold it:
 and need the torques τ_i = h_i - J_iᵀ f_i u. λ_i is the length of the edge opposite to foot i over the circumference.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import StrEnum
-from typing import Protocol, runtime_checkable
 
 import numpy as np
 
 from stadera.constants import GRAVITY, ROUNDING
 from stadera.errors import StaderaError
+from stadera.lab.control.crawl import Crawl
 from stadera.lab.control.legs import LegDynamics
 from stadera.lab.supervise.weighing import CorrectedForces, Stage, StandingWeighing, WeighingSettings
 from stadera.robot.model import Robot
@@ -40,7 +39,7 @@ from stadera.trunk.estimator import TrunkEstimator
 from stadera.trunk.load import LoadChange, Payload
 from stadera.trunk.measurement import Measurement
 from stadera.trunk.model import TrunkBounds, TrunkModel
-from stadera.trunk.protocol import Estimator, Status, TrunkEstimate, unobserved
+from stadera.trunk.protocol import TrunkEstimate
 from stadera.trunk.standing.forces import ContactForceEstimator
 
 
@@ -80,74 +79,6 @@ def hardest_effort(robot: Robot, trunk: TrunkModel) -> Effort:
     return max(efforts, key=lambda effort: effort.share)
 
 
-class TrustedEstimator:
-    """An `Estimator` that wraps another one, and returns only estimates that are plausible and accurate enough.
-
-    The limits are above the common error of all torques, which cancels for a controller that commands these same
-    torques, and above the effect of static friction in a standing robot. `inner` is the wrapped estimator; `robot`
-    defines the plausible range, and its own trunk is the estimate before the first accurate one.
-    """
-
-    share = 0.12  # largest standard deviation of the mass, as a share of the robot's
-    height = 0.05  # likewise of the horizontal centre of mass, as a share of the standing height
-
-    def __init__(self, inner: Estimator, robot: Robot) -> None:
-        self.inner, self._bounds = inner, TrunkBounds.of(robot)
-        self._mass = self.share * robot.mass
-        self._com = self.height * float(self._bounds.high[2] - self._bounds.low[2])
-        self._last = TrunkEstimate(np.nan, TrunkModel.prior(robot), unobserved(), Status.WAITING)
-        self._checked: TrunkEstimate | None = None
-
-    def update(self, measurement: Measurement) -> None:
-        """Passes the measurement to the inner estimator."""
-        self.inner.update(measurement)
-
-    def estimate(self) -> TrunkEstimate:
-        """The inner estimate if it can be trusted; else the last trusted one, marked as refused with the reason."""
-        estimate = self.inner.estimate()
-        if estimate is self._checked:
-            return self._last
-        self._checked = estimate
-        complaint = self._complaint(estimate)
-        if complaint is None:
-            self._last = estimate
-        elif self._last.status is not Status.WAITING:
-            self._last = replace(self._last, status=Status.REFUSED, reason=complaint)
-        return self._last
-
-    def _complaint(self, estimate: TrunkEstimate) -> str | None:
-        if estimate.reason:
-            return estimate.reason
-        mass, x, y, _ = estimate.std
-        if not mass <= self._mass:
-            return f"the trunk's mass is known to {mass:.2f} kg only, {self._mass:.2f} kg are wanted"
-        if not max(x, y) <= self._com:
-            return f"the trunk's centre of mass is known to {max(x, y):.3f} m only, {self._com:.3f} m are wanted"
-        return self._bounds.complaint(estimate.trunk)
-
-
-@runtime_checkable
-class Walker(Protocol):
-    """A robot that walks, stops and stands on request, with its own controller and planner."""
-
-    @property
-    def stopped(self) -> bool:
-        """True if it stands on four feet and is not about to move."""
-
-    @property
-    def fault(self) -> str:
-        """Reason why it cannot continue walking, one sentence; empty if it can."""
-
-    def request_stop(self) -> None:
-        """Stops as soon as it is safe, on four feet."""
-
-    def resume(self) -> None:
-        """Continues walking."""
-
-    def update_trunk(self, trunk: TrunkModel) -> bool:
-        """Passes a model of the trunk to controller and planner, both or neither; False for neither."""
-
-
 class Mode(StrEnum):
     """Mode of the supervised robot."""
 
@@ -182,7 +113,7 @@ class Supervisor:
         noticed: times of detection of changes of the load [s].
     """
 
-    def __init__(self, robot: Robot, walker: Walker) -> None:
+    def __init__(self, robot: Robot, walker: Crawl) -> None:
         self.robot, self.walker, self.state = robot, walker, Mode.WALKING
         self.trunk = TrunkModel.prior(robot)
         self.estimator = TrunkEstimator(robot)
@@ -223,15 +154,20 @@ class Supervisor:
 
 
 class NonstopSupervisor(Supervisor):
-    """Weighs a load without stopping the robot: passes every sufficiently accurate estimate to the walker.
+    """Weighs a load without stopping the robot: passes every new, sufficiently accurate estimate to the walker.
 
-    The first such estimate is the tare, which is refined with the trunk until a load is added.
+    The first such estimate is the tare, which is refined with the trunk until a load is added. The limits are above the
+    common error of all torques, which cancels for a controller that commands these same torques, and above the effect
+    of static friction in a standing robot.
     """
 
-    def __init__(self, robot: Robot, walker: Walker) -> None:
+    mass_share = 0.12  # largest standard deviation of the mass, as a share of the robot's
+    com_share = 0.05  # likewise of the horizontal centre of mass, as a share of the standing height
+
+    def __init__(self, robot: Robot, walker: Crawl) -> None:
         super().__init__(robot, walker)
-        self._trusted = TrustedEstimator(self.estimator, robot)
-        self._handed = self._trusted.estimate()
+        self._bounds, self._tared = TrunkBounds.of(robot), False
+        self._seen = self.estimator.estimate()
 
     @property
     def payload(self) -> Payload | None:
@@ -244,24 +180,31 @@ class NonstopSupervisor(Supervisor):
     def update(self, m: Measurement) -> None:
         """Processes one measurement. Times must increase."""
         self._time = m.time
-        self._trusted.update(m)
+        self.estimator.update(m)
         if self.state is Mode.STANDING:
             return
         change = self._new_change()
         if change is not None and self.state is Mode.WALKING:
             self._enter(Mode.WEIGHING, _sentence(change))
-        self._hand_on()
+        found, seen = self.estimator.estimate(), self._seen
+        self._seen = found
+        if found is not seen and self.is_accurate(found):
+            self._hand_on(found)
         if fault := self.walker.fault:
             self._stand(fault)
 
-    def _hand_on(self) -> None:
-        """Passes the trunk to the walker, if it is accurate enough and new."""
-        found = self._trusted.estimate()
-        if found is self._handed or found.status not in (Status.MOVING, Status.CONVERGED):
-            return
-        if self._handed.status is Status.WAITING:
+    def is_accurate(self, estimate: TrunkEstimate) -> bool:
+        """True if an estimate is plausible and its error bars are within the limits."""
+        mass, x, y, _ = estimate.std
+        height = float(self._bounds.high[2] - self._bounds.low[2])
+        narrow = mass <= self.mass_share * self.robot.mass and max(x, y) <= self.com_share * height
+        return bool(narrow) and not estimate.reason and self._bounds.complaint(estimate.trunk) is None
+
+    def _hand_on(self, found: TrunkEstimate) -> None:
+        """Passes the trunk to the walker."""
+        if not self._tared:
             self.estimator.tare()
-        self._handed = found
+            self._tared = True
         if not self.walker.update_trunk(found.trunk):
             return
         self.trunk = found.trunk
@@ -293,7 +236,7 @@ class StoppingSupervisor(Supervisor):
 
     settings = StopSettings()
 
-    def __init__(self, robot: Robot, walker: Walker, weighing: WeighingSettings | None = None) -> None:
+    def __init__(self, robot: Robot, walker: Crawl, weighing: WeighingSettings | None = None) -> None:
         super().__init__(robot, walker)
         self.forces, self._how = ContactForceEstimator(robot), weighing or WeighingSettings()
         self._tare, self._restarts = self.trunk, 0
