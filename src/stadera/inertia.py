@@ -44,11 +44,6 @@ def _tensor(components: Array) -> Array:
     return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
 
 
-def _of_point(place: Array) -> Array:
-    """Inertia (3, 3) of a unit mass at a place (3,) about the origin, Steiner's term."""
-    return np.asarray(place @ place * np.eye(3) - np.outer(place, place))
-
-
 def _pseudo_basis() -> Array:
     """The ten 4x4 matrices E_k with J(φ) = Σ_k φ_k E_k."""
     tensors = ((unit, _tensor(unit[4:])) for unit in np.eye(10))
@@ -121,8 +116,12 @@ class InertialParameters:
     @classmethod
     def from_com(cls, mass: float, com: ArrayLike, inertia_com: ArrayLike) -> InertialParameters:
         """From the mass [kg], the centre of mass [m] and the inertia about the centre of mass [kg·m²], (3, 3)."""
-        c = np.asarray(com, dtype=float)
-        return cls.from_moments(mass, mass * c, np.asarray(inertia_com, dtype=float) + mass * _of_point(c))
+        x, y, z = (float(c) for c in np.asarray(com, dtype=float))
+        (xx, xy, xz), (_, yy, yz), (_, _, zz) = np.asarray(inertia_com, dtype=float).tolist()
+        about = xx + mass * (y * y + z * z), xy - mass * x * y, xz - mass * x * z, yy + mass * (x * x + z * z)
+        return cls(
+            np.array([mass, mass * x, mass * y, mass * z, *about, yz - mass * y * z, zz + mass * (x * x + y * y)])
+        )
 
     @classmethod
     def from_moments(cls, mass: float, first_moment: ArrayLike, inertia: ArrayLike) -> InertialParameters:
@@ -171,7 +170,11 @@ class InertialParameters:
     @property
     def inertia_com(self) -> Array:
         """Inertia about the centre of mass, in the frame's axes [kg·m²], shape (3, 3)."""
-        return self.inertia - self.mass * _of_point(self.com) if self.mass else self.inertia
+        mass, x, y, z, xx, xy, xz, yy, yz, zz = self.vector.tolist()
+        if not mass:
+            return self.inertia
+        xx, yy, zz = xx - (y * y + z * z) / mass, yy - (x * x + z * z) / mass, zz - (x * x + y * y) / mass
+        return _tensor(np.array([xx, xy + x * y / mass, xz + x * z / mass, yy, yz + y * z / mass, zz]))
 
     @property
     def pseudo_inertia(self) -> Array:
