@@ -41,6 +41,7 @@ _CAUSES = {
     "coulomb": "Coulomb friction that the model lacks",
     "load_friction": "friction that grows with the load, which the model lacks",
     "stiction": "joints that stick",
+    "standstill": "joints that stick in every step",
     "offset": "constant torque errors",
     "gain": "the scale of some joints' torques, or their sign or order",
     "encoder": "zeros of the joint encoders",
@@ -178,7 +179,7 @@ class ModelFit:
         self.friction: Array | None = None
         if any(leg.contact == FLAT for leg in robot.legs):
             self._usual = np.ones(self.model.layout.count)
-            for name in ("viscous", "coulomb", "stiction"):
+            for name in ("viscous", "coulomb", "stiction", "standstill"):
                 self._usual[self.model.layout.places[name]] = settings.gears
             held = self.model.variance[self.model.layout.sticking]
             self.friction = settings.gears * np.sqrt(held)

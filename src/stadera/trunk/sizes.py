@@ -32,7 +32,7 @@ from stadera.types import Array
 KINDS: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {
         "rotor": ("rotor",),
-        "friction": ("viscous", "coulomb"),
+        "friction": ("viscous", "coulomb", "standstill"),
         "offset": ("offset",),
         "gain": ("gain",),
         "load_friction": ("load_friction",),
