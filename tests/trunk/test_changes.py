@@ -76,8 +76,9 @@ def test_a_load_is_found_soon_and_placed() -> None:
     assert abs(time - jump.blocks * BLOCK - 4.0) < 0.15
 
 
-def test_the_difference_is_that_of_two_segments() -> None:
+def test_the_difference_is_that_of_two_segments(monkeypatch: pytest.MonkeyPatch) -> None:
     """Sums of the latest rows give what a segment of them alone gives, by QR: δ, and its deviation by errors too."""
+    monkeypatch.setattr(History, "noise", 1.0)  # of a segment's rows
     rng, n = np.random.default_rng(0), SETTINGS.windows[2]
     made = [
         block(r.time, r.matrix, 3.0 * rng.standard_normal((6, ERRORS)), r.target, 4.0)

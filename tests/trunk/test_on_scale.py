@@ -44,7 +44,7 @@ def test_it_is_gaussian_conditioning() -> None:
     then, now, links = summed(1), summed(2), np.zeros(ERRORS)
     links[PLACES["link_mass"]] = 2.0
     told = Correction(
-        [Knowledge("", np.array([50.0]), np.array([[0.3**2]]), links[None], ((then, np.eye(1, 10)),))], errors, now
+        [Knowledge("", np.array([50.0]), np.array([[0.3**2]]), links[None], ((then, np.eye(1, 10)),))], errors, now, 10.0
     )
     # unknowns: lasting errors, changing errors then and now, noise then and now
     changing = np.zeros(ERRORS, dtype=bool)
@@ -56,7 +56,7 @@ def test_it_is_gaussian_conditioning() -> None:
     joint[:ERRORS, ERRORS : 2 * ERRORS] = joint[ERRORS : 2 * ERRORS, :ERRORS] = S * ~np.outer(changing, changing)
     for k, segment in enumerate((then, now)):
         noise = slice(2 * ERRORS + 10 * k, 2 * ERRORS + 10 * (k + 1))
-        joint[noise, noise] = errors.of_rows(segment)
+        joint[noise, noise] = errors.of_rows(segment, 10.0)
     of_then, of_now = np.zeros((10, size)), np.zeros((10, size))
     of_then[:, :ERRORS], of_then[:, 2 * ERRORS : 2 * ERRORS + 10] = -then.sensitivity, np.eye(10)
     of_now[:, ERRORS : 2 * ERRORS], of_now[:, 2 * ERRORS + 10 :] = -now.sensitivity, np.eye(10)

@@ -67,20 +67,22 @@ def test_a_payload_that_is_hardly_known_is_known_after_a_sway() -> None:
 
 
 def test_ten_steps_are_offered_with_the_bar_that_they_bring() -> None:
-    """By the estimator on a made walk; a robot with other errors that takes these steps gets such a bar."""
-    steps = steps_of(weighed(0.02))
+    """By the estimator on a made walk; robots with other errors that take these steps get such a bar in the median."""
+    steps, bars = steps_of(weighed(0.02)), list[float]()
     step = next(step for step in steps if "ten slow steps" in step.do)
-    drawn, rate = Drawn(GO2, np.random.default_rng(9)), 250.0
-    walk = Planted.stepping(drawn.true, 10, rate)
-    loaded = drawn.measured(walk, LOAD)
-    estimator = TrunkEstimator(GO2)
-    estimator.add(drawn.measured(walk))
-    estimator.tare()
-    estimator.add(Samples(loaded.time + walk.time[-1] + 1.0, *(getattr(loaded, n) for n in NAMES)))
-    assert estimator.payload is not None
-    assert 0.5 < step.payload_std / estimator.payload.mass_std < 2.0
-    assert estimator.payload.mass == pytest.approx(LOAD.mass, abs=3.0 * estimator.payload.mass_std)
-    assert estimator.trust.verdict == "good"
+    for seed in (9, 10, 11):
+        drawn, rate = Drawn(GO2, np.random.default_rng(seed)), 250.0
+        walk = Planted.stepping(drawn.true, 10, rate)
+        loaded = drawn.measured(walk, LOAD)
+        estimator = TrunkEstimator(GO2)
+        estimator.add(drawn.measured(walk))
+        estimator.tare()
+        estimator.add(Samples(loaded.time + walk.time[-1] + 1.0, *(getattr(loaded, n) for n in NAMES)))
+        assert estimator.payload is not None
+        bars.append(estimator.payload.mass_std)
+        assert estimator.payload.mass == pytest.approx(LOAD.mass, abs=3.0 * estimator.payload.mass_std)
+        assert estimator.trust.verdict == "good"
+    assert 1.0 / 1.7 < step.payload_std / np.median(bars) < 1.7
 
 
 def test_feet_of_steps_carry_nothing_in_the_air_and_stay_where_they_stand() -> None:

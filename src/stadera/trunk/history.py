@@ -147,8 +147,8 @@ class History:
 
     @property
     def noise(self) -> float:
-        """Variance of the rows' residuals in their unit, at least one [1]."""
-        return max(1.0, self._robust.usual) if self._robust.count else 1.0
+        """Variance of the rows' residuals in their unit [1]; one before any."""
+        return max(self._settings.outliers.least_usual, self._robust.usual) if self._robust.count else 1.0
 
     @property
     def oldest(self) -> Segment:

@@ -67,6 +67,7 @@ class Correction:
 
     Args:
         known: what is known, about trunks that have rows. errors: p̂ and Σ. present: the trunk of the present load.
+        scatter: as of `Errors.of_rows`, of the estimates that are corrected.
 
     Attributes:
         known: as given.
@@ -74,8 +75,8 @@ class Correction:
             deviations [1].
     """
 
-    def __init__(self, known: Sequence[Knowledge], errors: Errors, present: Segment) -> None:
-        self._errors = errors
+    def __init__(self, known: Sequence[Knowledge], errors: Errors, present: Segment, scatter: float) -> None:
+        self._errors, self._scatter = errors, scatter
         self._trunks: dict[Segment, Array] = {}
         ends = np.cumsum([len(item.value) for item in known]).tolist()
         m, self.known = ends[-1], tuple(known)
@@ -104,16 +105,18 @@ class Correction:
         self.apart = tuple(float(far[part].max()) for part in parts)
 
     @classmethod
-    def by(cls, known: Sequence[Knowledge], errors: Errors, present: Segment) -> Correction | None:
+    def by(
+        cls, known: Sequence[Knowledge], errors: Errors, present: Segment, scatter: float = 1.0
+    ) -> Correction | None:
         """Of what is about trunks that have rows; None if nothing is."""
         ready = [item for item in known if all((segment or present).blocks for segment, _ in item.trunks)]
-        return cls(ready, errors, present) if ready else None
+        return cls(ready, errors, present, scatter) if ready else None
 
     def _own(self, trunk: Segment) -> Array:
         """Covariance (10, 10) of a trunk's error that no other trunk shares."""
         at = np.concatenate([np.arange(place.start, place.stop) for place in self._errors.layout.changing])
         K = trunk.sensitivity[:, at]
-        return np.asarray(self._errors.of_rows(trunk) + K @ self._errors.covariance[np.ix_(at, at)] @ K.T)
+        return np.asarray(self._errors.of_rows(trunk, self._scatter) + K @ self._errors.covariance[np.ix_(at, at)] @ K.T)
 
     def _shared(self, weights: Weights) -> Array:
         """C (k, m)."""

@@ -2,7 +2,9 @@
 
 Rows A θ + C p = b, weighted by a constant W, are summed up to R θ + G p = z. With p of mean p̂ and covariance Σ,
 
-    θ̂ = R⁻¹ (z - G p̂),      cov θ̂ = R⁻¹ R⁻ᵀ + K Σ Kᵀ,      K = R⁻¹ G
+    θ̂ = R⁻¹ (z - G p̂),      cov θ̂ = v R⁻¹ R⁻ᵀ + K Σ Kᵀ,      K = R⁻¹ G
+
+with v the rows' variance in their unit (`stadera.trunk.joint_errors`).
 
 The rows that remain after θ is eliminated tell p (`stadera.trunk.joint_errors`).
 
