@@ -44,7 +44,10 @@ def test_it_is_gaussian_conditioning() -> None:
     then, now, links = summed(1), summed(2), np.zeros(ERRORS)
     links[PLACES["link_mass"]] = 2.0
     told = Correction(
-        [Knowledge("", np.array([50.0]), np.array([[0.3**2]]), links[None], ((then, np.eye(1, 10)),))], errors, now, 10.0
+        [Knowledge("", np.array([50.0]), np.array([[0.3**2]]), links[None], ((then, np.eye(1, 10)),))],
+        errors,
+        now,
+        10.0,
     )
     # unknowns: lasting errors, changing errors then and now, noise then and now
     changing = np.zeros(ERRORS, dtype=bool)

@@ -37,8 +37,8 @@ class ErrorLayout:
 
     `link_com` goes by axis and link, `contact` by leg and trunk axis. `stiction` is the torque of static friction,
     `unfelt` a moment or force of a foot that its leg's joints do not tell (`stadera.robot.sole`), `sampling` half the
-    difference between rows of every other sample, `standstill` the mean friction of a joint at standstill that slides at
-    other times.
+    difference between rows of every other sample, `standstill` the mean friction of a joint at standstill that slides
+    at other times.
     """
 
     joints: int
@@ -67,7 +67,8 @@ class ErrorLayout:
         for name in ("rotor", "viscous", "coulomb", "offset", "mass"):
             sizes[f"limb_{name}"] = self.limbs
         sizes |= {"limb_com": 3 * self.limbs, "imu_lever": 3, "imu_rotation": 3, "accelerometer": 3}
-        sizes |= {"imu_response": 3, "standstill": joints, "velocity_lag": 1, "stiction": joints, "unfelt": len(self.unfelt)}
+        sizes |= {"imu_response": 3, "standstill": joints, "velocity_lag": 1}
+        sizes |= {"stiction": joints, "unfelt": len(self.unfelt)}
         sizes |= {"limb_stiction": self.limbs}
         sizes |= {"limb_gain": self.limbs, "common_gain": 1, "sampling": 1}
         ends = np.cumsum(list(sizes.values())).tolist()

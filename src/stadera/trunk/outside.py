@@ -116,7 +116,8 @@ class Correction:
         """Covariance (10, 10) of a trunk's error that no other trunk shares."""
         at = np.concatenate([np.arange(place.start, place.stop) for place in self._errors.layout.changing])
         K = trunk.sensitivity[:, at]
-        return np.asarray(self._errors.of_rows(trunk, self._scatter) + K @ self._errors.covariance[np.ix_(at, at)] @ K.T)
+        changed = K @ self._errors.covariance[np.ix_(at, at)] @ K.T
+        return np.asarray(self._errors.of_rows(trunk, self._scatter) + changed)
 
     def _shared(self, weights: Weights) -> Array:
         """C (k, m)."""

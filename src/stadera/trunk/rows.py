@@ -15,7 +15,7 @@ the feet held, G = ∂b/∂q̈, an error p of the model (`stadera.trunk.error_mo
     gain, lag of the torques   -E τ, +E τ̇                  true torque: (1 - g) τ + d τ̇
     load friction              -E s |τ|               a gear's losses, a share of what its joint carries
     stiction                   ∓E √(1 - s²)                what holds a joint that rests, positive upwards
-    standstill                 -E √(1 - s²)                the same of a joint that slides at other times, as in a stance
+    standstill                 -E √(1 - s²)                the same of a joint that slides at other times
     encoder, contact, unfelt   +∂b/∂q, -∂b/∂p_contact, -∂b/∂m     at the block's middle, by differences and closed form
     link mass and centre       -∂b/∂(m, c)                 of `State.columns` by φ, and of φ by m and c
     IMU place, axes, bias      -K ([α]x + [ω]x[ω]x), K [a]x + L [α]x, -K
