@@ -17,12 +17,17 @@ ROOT = Path(__file__).resolve().parent.parent
 
 
 LONG = (
-    "lab/demo/test_demo.py",
-    "test_paths.py",
     "trunk/test_any_robot.py",
-    "test_docs.py",
-    "fleet/test_fleet_table.py",
+    "contracts/test_estimator_contract.py",
+    "test_paths.py",
+    "trunk/test_estimator.py",
+    "checks/test_torque_order.py",
     "trunk/test_robot_memory.py",
+    "test_docs.py",
+    "lab/demo/test_demo.py",
+    "fleet/test_fleet_table.py",
+    "lab/control/test_crawl.py",
+    "weigh/test_without_imu.py",
     "lab/supervise/test_supervisor.py",
     "lab/experiments/test_standing.py",
 )
