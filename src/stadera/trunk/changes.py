@@ -168,7 +168,7 @@ class ChangeDetector:
         sensitivity = known.sensitivity + inverse @ before.by_errors(total)
         root = np.sqrt(noise) * np.linalg.cholesky(0.5 * (inverse + inverse.T))
         since = Told(root, np.hstack([size[:, None], sensitivity]), np.empty((10, 0)))
-        covariance = errors.difference_covariance(known, since, same_load=not self._moved)
+        covariance = errors.difference_covariance(known, since, errors.alike(before) if self._moved else 1.0)
         return LoadDifference(before, size, np.sqrt(np.diagonal(covariance)[:4]))
 
     def _learn(self, ratios: dict[int, Array]) -> None:

@@ -153,14 +153,14 @@ class ErrorModel:
         drift: (joints,), standard deviation of the torques' offsets under one load from their mean of all [N·m].
         covariance: (count, count).
         length: of a leg [m].
-        held: `ModelErrors.held`.
+        held, renewed: as in `ModelErrors`.
     """
 
     def __init__(self, robot: Robot, sizes: ModelErrors, length: float) -> None:
         self.layout = layout = ErrorLayout.of(robot)
         places = layout.places
         given = np.array([robot.limits[joint].effort for leg in robot.legs for joint in leg.joints])
-        self.length, self.held = length, sizes.held
+        self.length, self.held, self.renewed = length, sizes.held, sizes.renewed
         largest = GRAVITY * robot.mass * length
         self.limit = np.where(given < 2.0 * largest, given, largest)
         leg_mass = sum(robot.inertias[link].mass for leg in robot.legs for link in leg.links) / layout.contacts

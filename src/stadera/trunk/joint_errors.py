@@ -71,7 +71,7 @@ class Errors:
         learnt: slice | None = None,
     ) -> None:
         self.layout = model.layout
-        self._offsets, self._drift = model.layout.places["offset"], model.drift
+        self._offsets, self._drift, self._alike = model.layout.places["offset"], model.drift, model.renewed
         learnt, count, by_swing = learnt or self.layout.learnt, self.layout.count, self.layout.by_swing
         gain, stuck = self.layout.places["gain"], self.layout.sticking
         joints, covariance = swing.posterior(None if scale is None else scale[by_swing])
@@ -184,17 +184,25 @@ class Errors:
             total, done = total - across - across.T, done + len(own)
         return np.asarray(0.5 * (total + total.T))
 
-    def difference_covariance(self, first: Segment | Told, second: Segment | Told, same_load: bool = False) -> Array:
+    def alike(self, *loads: Segment) -> float:
+        """Correlation of the friction of joints at rest under these loads and under another [1]."""
+        return self._alike if all(load.steps for load in loads) else 0.0
+
+    def difference_covariance(self, first: Segment | Told, second: Segment | Told, alike: float = 0.0) -> Array:
         """Covariance of the second segment's trunk parameters minus the first's, (10, 10).
 
-        Errors that act on both alike cancel. Static friction of sticking joints may change with the load, and may even
-        hide the load, so it does not cancel; with the `same_load` it does.
+        Errors that act on both alike cancel. Static friction of joints at rest may change with the load, and may even
+        hide the load.
+
+        Args:
+            alike: correlation of static friction in both [1].
         """
         difference = second.sensitivity - first.sensitivity
         total = self.of_rows(first) + self.of_rows(second) + difference @ self.lasting @ difference.T
+        parts = (difference, alike), (first.sensitivity, 1.0 - alike), (second.sensitivity, 1.0 - alike)
         for place, own in self._changing:
-            for K in (difference,) if same_load else (first.sensitivity, second.sensitivity):
-                total += K[:, place] @ own @ K[:, place].T
+            for K, share in parts:
+                total += share * K[:, place] @ own @ K[:, place].T
         return np.asarray(0.5 * (total + total.T))
 
     def of_rows(self, segment: Segment | Told, scatter: float = 1.0) -> Array:

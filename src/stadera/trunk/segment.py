@@ -150,6 +150,11 @@ class Segment:
         return out
 
     @property
+    def steps(self) -> bool:
+        """True if feet move relative to each other in a tenth of all blocks: a third in a crawl, 2 % in a sway."""
+        return self.stepped > 0.1 * self.weight
+
+    @property
     def weight(self) -> float:
         """Sum of the weights of the blocks, with forgetting [1]."""
         return self.count / 6.0
