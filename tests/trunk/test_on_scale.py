@@ -36,7 +36,8 @@ def summed(seed: int) -> Segment:
     return segment
 
 
-def test_it_is_gaussian_conditioning() -> None:
+@pytest.mark.parametrize("alike", [0.0, 0.8])
+def test_it_is_gaussian_conditioning(alike: float) -> None:
     """Against the joint covariance of trunk then, trunk now and what the scale says, built up densely."""
     errors = Errors(
         ErrorModel(HYQ, ModelErrors(), 0.7), SwingJoints(ErrorModel(HYQ, ModelErrors(), 0.7), SwingDetection())
@@ -48,6 +49,7 @@ def test_it_is_gaussian_conditioning() -> None:
         errors,
         now,
         10.0,
+        alike,
     )
     # unknowns: lasting errors, changing errors then and now, noise then and now
     changing = np.zeros(ERRORS, dtype=bool)
@@ -56,7 +58,9 @@ def test_it_is_gaussian_conditioning() -> None:
     joint = np.zeros((size, size))
     S = errors.covariance
     joint[:ERRORS, :ERRORS] = joint[ERRORS : 2 * ERRORS, ERRORS : 2 * ERRORS] = S
-    joint[:ERRORS, ERRORS : 2 * ERRORS] = joint[ERRORS : 2 * ERRORS, :ERRORS] = S * ~np.outer(changing, changing)
+    joint[:ERRORS, ERRORS : 2 * ERRORS] = joint[ERRORS : 2 * ERRORS, :ERRORS] = np.where(
+        np.outer(changing, changing), alike * S, S
+    )
     for k, segment in enumerate((then, now)):
         noise = slice(2 * ERRORS + 10 * k, 2 * ERRORS + 10 * (k + 1))
         joint[noise, noise] = errors.of_rows(segment, 10.0)

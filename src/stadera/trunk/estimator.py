@@ -356,7 +356,7 @@ class TrunkEstimator:
         now = self._history.loaded or self._history.current
         if tare is None or now.load is not None:
             return inf, trunk
-        outside = Correction.by(known, self._fit.errors, now)
+        outside = self._correction(known)
         return sqrt(float(self._difference(tare, outside)[1][0, 0])), trunk
 
     @property
@@ -446,7 +446,12 @@ class TrunkEstimator:
     @property
     def _outside(self) -> Correction | None:
         """What is known from outside, in place of the estimates."""
-        return Correction.by(self._known, self._fit.errors, self._history.loaded or self._history.current)
+        return self._correction(self._known)
+
+    def _correction(self, known: Sequence[Knowledge]) -> Correction | None:
+        """By what is known, of the payload since the tare."""
+        errors, now, tare = self._fit.errors, self._history.loaded or self._history.current, self._history.tare
+        return Correction.by(known, errors, now, alike=0.0 if tare is None else errors.alike(tare, now))
 
     def _read(self, known: tuple[Knowledge, ...]) -> Reading:
         return Reading(self.robot, self._start, self._history.present, self._fit.errors, known)

@@ -150,6 +150,13 @@ class Errors:
             out[place] = out[:, place] = 0.0  # with what others have in common with them: else it is no covariance
         return out
 
+    def shared(self, alike: float) -> Array:
+        """Covariance (errors, errors) of errors under one load with those under another, see `alike`."""
+        out = self.lasting.copy()
+        for place, own in self._changing:
+            out[place, place] = alike * own
+        return out
+
     def by_scale(self, sensitivity: Array) -> Array:
         """What a standard deviation of the torques' common scale does to trunk parameters, (10,); `sensitivity`
         (10, errors), theirs to all errors.

@@ -68,6 +68,7 @@ class Correction:
     Args:
         known: what is known, about trunks that have rows. errors: p̂ and Σ. present: the trunk of the present load.
         scatter: as of `Errors.of_rows`, of the estimates that are corrected.
+        alike: as of `Errors.difference_covariance`.
 
     Attributes:
         known: as given.
@@ -75,13 +76,15 @@ class Correction:
             deviations [1].
     """
 
-    def __init__(self, known: Sequence[Knowledge], errors: Errors, present: Segment, scatter: float) -> None:
-        self._errors, self._scatter = errors, scatter
+    def __init__(
+        self, known: Sequence[Knowledge], errors: Errors, present: Segment, scatter: float, alike: float
+    ) -> None:
+        self._errors, self._scatter, self._alike = errors, scatter, alike
         self._trunks: dict[Segment, Array] = {}
         ends = np.cumsum([len(item.value) for item in known]).tolist()
         m, self.known = ends[-1], tuple(known)
         value, covariance, H = np.zeros(m), np.zeros((m, m)), np.zeros((m, errors.mean.size))
-        lasting, at = errors.lasting, errors.layout.places["common_gain"].start
+        lasting, at = errors.shared(alike), errors.layout.places["common_gain"].start
         parts = [slice(end - len(item.value), end) for end, item in zip(ends, known, strict=True)]
         for part, item in zip(parts, known, strict=True):
             H[part] = item.errors
@@ -106,17 +109,17 @@ class Correction:
 
     @classmethod
     def by(
-        cls, known: Sequence[Knowledge], errors: Errors, present: Segment, scatter: float = 1.0
+        cls, known: Sequence[Knowledge], errors: Errors, present: Segment, scatter: float = 1.0, alike: float = 0.0
     ) -> Correction | None:
         """Of what is about trunks that have rows; None if nothing is."""
         ready = [item for item in known if all((segment or present).blocks for segment, _ in item.trunks)]
-        return cls(ready, errors, present, scatter) if ready else None
+        return cls(ready, errors, present, scatter, alike) if ready else None
 
     def _own(self, trunk: Segment) -> Array:
         """Covariance (10, 10) of a trunk's error that no other trunk shares."""
         at = np.concatenate([np.arange(place.start, place.stop) for place in self._errors.layout.changing])
         K = trunk.sensitivity[:, at]
-        changed = K @ self._errors.covariance[np.ix_(at, at)] @ K.T
+        changed = (1.0 - self._alike) * K @ self._errors.covariance[np.ix_(at, at)] @ K.T
         return np.asarray(self._errors.of_rows(trunk, self._scatter) + changed)
 
     def _shared(self, weights: Weights) -> Array:

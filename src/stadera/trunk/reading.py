@@ -51,7 +51,7 @@ class Reading:
         """The ten parameters, their covariance, and `Errors.by_scale`."""
         segment, errors = self._segment, self._errors
         found = segment.mean(errors.mean), errors.trunk_covariance(segment), errors.by_scale(segment.sensitivity)
-        outside = Correction.by(self._known, errors, segment, errors.scatter)
+        outside = Correction.by(self._known, errors, segment, errors.scatter, errors.alike(segment))
         return found if outside is None else outside.of_trunks({segment: np.eye(10)}, *found)
 
     @cached_property
