@@ -43,7 +43,7 @@ COMMANDS = {
     "mini_cheetah": "stadera reproduce mini_cheetah FOLDER --json docs/results/mini_cheetah.json",
     "humanoids": "stadera reproduce humanoids --quick --seed 1 --json docs/results/humanoids.json",
     "identified": "stadera reproduce identified --quick --json docs/results/identified.json",
-    "faults": "stadera reproduce faults --seeds 2 --json docs/results/faults.json",
+    "faults": "stadera reproduce faults --seeds 1 --json docs/results/faults.json",
     "replay_go2": "stadera replay go2_legs_in_air --robot go2.json --against go2 --json docs/results/replay_go2.json",
 }
 """What makes a run's JSON, where it is not `stadera reproduce NAME`."""
