@@ -62,6 +62,7 @@ MECHANISMS: dict[str, tuple[TrunkSettings, Any, str, Any]] = {
     "no lag of velocities": (sizes(velocity_lag=1e-9), None, "", None),
     "drives not alike": (sizes(alike=0.0), None, "", None),
     "static friction not alike": (sizes(sagging=0.0), None, "", None),
+    "static friction another after each load": (sizes(renewed=0.0), None, "", None),
 }
 
 
