@@ -244,7 +244,7 @@ class TrunkEstimator:
             raise IdentificationError("a log whose fit is bad, or whose end is refused, is not remembered")
         memory.check(self.robot)
         own = tuple(known for known in self._known if known.trunks)
-        outside = Correction.by(own, errors, self._history.loaded or self._history.current)
+        outside = self._correction(own)
         if outside is not None and max(outside.apart) > self.settings.apart:
             raise IdentificationError("a log that contradicts its scale or test weight is not remembered")
         found = (errors.mean, errors.covariance) if outside is None else outside.of_errors()

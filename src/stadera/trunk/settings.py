@@ -73,9 +73,9 @@ class ModelErrors:
         sagging: correlation of static friction between joints of one kind [1]: in a robot that sags under a load,
             friction holds all knees alike.
         renewed: correlation of static friction under two loads, of a robot that walks [1]: each step makes it anew, in
-            the same way. Of one that stands or sways it may hide a load, and is another. Of loads on 27 simulated
-            crawls 63, 67, 70, 85, 100 % are noticed with 0, 0.5, 0.75, 0.9, 1; places of payloads are at most 1.9,
-            1.9, 2.3, 4.2, 6.2 standard deviations off.
+            the same way. Of one that stands or sways it may hide a load, and is another. Assumed: half of it, as no
+            measured one was found. Of loads on 27 simulated crawls 63, 67, 70, 85, 100 % are noticed with 0, 0.5, 0.75,
+            0.9, 1; places of payloads are at most 1.9, 1.9, 2.3, 4.2, 6.2 standard deviations off.
         limbs: factor on the friction of joints in arms and other limbs [1]. Static friction of a G1's arms is 2.4 % of
             the limits, of its wrists 12 % (its maker's drives for simulators, Unitree RL Lab), of an arm's seven joints
             6.6 % root mean square.
@@ -106,7 +106,7 @@ class ModelErrors:
     load_friction: float = 0.06
     held: float = 1.0
     sagging: float = 0.9
-    renewed: float = 0.8
+    renewed: float = 0.5
     limbs: float = 3.0
 
     def __post_init__(self) -> None:
