@@ -8,12 +8,16 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
 
 from stadera.cli import main
 from stadera.excite.trunk import design
 from stadera.robot.model import Robot
 
 ROOT = Path(__file__).resolve().parent.parent
+
+settings.register_profile("fixed", derandomize=True)
+settings.load_profile("fixed")
 
 
 LONG = (

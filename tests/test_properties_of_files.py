@@ -18,9 +18,7 @@ from stadera.logs import read
 from stadera.logs.foreign.column_map import FACTORS, parsed
 from stadera.robot import load_robot
 
-few = settings(
-    max_examples=25, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+few = settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 NUMBERS = st.one_of(st.floats(width=32).map(repr), st.floats().map(repr), st.integers(-(10**25), 10**25).map(str))
 TEXTS = st.one_of(NUMBERS, st.text(st.characters(exclude_categories=["Cs"]), max_size=8))
 MOST = 1e4

@@ -90,7 +90,8 @@ def test_trajectories_are_smooth(duration: float, clearance: float, up: float, d
     for time in np.linspace(1.0 + 2 * dt, 1.3 + 1.5 * duration, 23):
         (p0, v0, _), (_, v, a), (p1, v1, _) = (path.at(time + k * dt) for k in (-1, 0, 1))
         np.testing.assert_allclose((p1 - p0) / (2 * dt), v, atol=2e-3)
-        np.testing.assert_allclose((v1 - v0) / (2 * dt), a, atol=0.3)
+        if abs(time - path.end) > dt:  # where the foot begins to search for the ground
+            np.testing.assert_allclose((v1 - v0) / (2 * dt), a, atol=0.3)
     highest = max(float(path.at(1.0 + x * duration)[0][2]) for x in np.linspace(0, 1, 101))
     assert highest >= max(start[2], target[2]) + 0.99 * clearance - 1e-9
 
