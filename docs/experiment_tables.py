@@ -21,7 +21,7 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
-from stadera.report.numbers import number
+from stadera.report.numbers import number, short
 
 FOLDER = Path(__file__).parent
 REPLAYS = ("replay_go2", "replay_go2_commands", "replay_aliengo", "replay_aliengo_commands")
@@ -113,13 +113,8 @@ def crossed(records: Iterable[Record], row: Naming, column: Naming, corner: str)
 
 def cell(record: Record) -> str:
     """Value, unit where it is one, the paper's value, and whether a bound is missed."""
-    paper = "" if record["paper"] is None else f" ({figure(record['paper'])})"
-    return f"{figure(record['value'])}{paper}{' ✗' if record['met'] is False else ''}"
-
-
-def figure(value: float) -> str:
-    """Three digits, whole numbers as they are."""
-    return f"{value:g}" if float(value).is_integer() and abs(value) < 1e6 else number(value, 3)
+    paper = "" if record["paper"] is None else f" ({short(record['paper'])})"
+    return f"{short(record['value'])}{paper}{' ✗' if record['met'] is False else ''}"
 
 
 def case(*names: str) -> Naming:
@@ -192,7 +187,7 @@ def real_legs(records: list[Record]) -> str:
         own = [r for r in records if r["case"]["robot"] == robot and f"_{part}_" in r["case"]["joint"]]
         for metric in dict.fromkeys(r["metric"] for r in own):
             values = [r["value"] for r in own if r["metric"] == metric]
-            cells.setdefault(f"{robot}, {part}", {})[f"{metric} [N·m]"] = figure(sum(values) / len(values))
+            cells.setdefault(f"{robot}, {part}", {})[f"{metric} [N·m]"] = short(sum(values) / len(values))
     return table(cells, "mean of four legs")
 
 
@@ -345,7 +340,7 @@ def outcomes(runs: Iterable[Record]) -> str:
 
 def span(values: Iterable[float]) -> str:
     """Least and greatest; one value where they look the same."""
-    least, greatest = figure(min(known := list(values))), figure(max(known))
+    least, greatest = short(min(known := list(values))), short(max(known))
     return least if least == greatest else f"{least} to {greatest}"
 
 

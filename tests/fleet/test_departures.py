@@ -11,7 +11,7 @@ RNG = np.random.default_rng
 
 
 def series(value: np.ndarray, std: np.ndarray, robot: str = "a") -> FleetSeries:
-    return FleetSeries(robot, "trunk mass", "kg", None, value, std, ({},) * len(value))
+    return FleetSeries(robot, "trunk mass", "kg", None, value, std, ({},) * len(value), np.arange(1, len(value) + 1))
 
 
 def steady(seed: int, n: int, kappa: float = 1.0, common: float = 0.0) -> FleetSeries:

@@ -73,7 +73,7 @@ def test_the_answer_comes_first_then_what_to_do_next(pages, name: str) -> None:
 def test_the_weighing_s_sentence(pages) -> None:
     said = re.search(r'class="answer">([^<]+)<', pages["weigh"])
     assert said is not None
-    assert markup.unescape(said.group(1)).startswith("Payload 8.00 ± 0.10 kg.")
+    assert markup.unescape(said.group(1)).replace("\xa0", " ").startswith("Payload 8.00 ± 0.10 kg.")
     assert "Trust: doubtful" in pages["weigh"]
     assert "walk <1>" not in pages["weigh"]
 

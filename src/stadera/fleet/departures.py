@@ -55,7 +55,8 @@ JOINT: Mapping[str, tuple[str, str, float]] = {
 @dataclass(frozen=True, eq=False)
 class FleetSeries:
     """One quantity of one robot over its logs, in order of time: values and standard deviations (logs,), in `unit`; the
-    joint, None for the trunk's quantities, with which the title of its parameter begins; and the rows of the table.
+    joint, None for the trunk's quantities, with which the title of its parameter begins; the rows of the table, and
+    which of the robot's logs they are, counted from 1.
     """
 
     robot: str
@@ -65,6 +66,7 @@ class FleetSeries:
     value: Array
     std: Array
     rows: tuple[LogRow, ...]
+    numbers: Array
 
 
 def by_robot(rows: Sequence[LogRow]) -> dict[str, list[LogRow]]:
@@ -94,13 +96,13 @@ def series_of(table: FleetTable) -> Iterator[FleetSeries]:
         joints.setdefault(key, {})[entry["log"]] = entry
     for robot, rows in by_robot(table.rows).items():
         for column, (title, unit, factor) in TRUNK.items():
-            pairs = [(row, row[column], row[f"{column}_std"]) for row in rows]
+            pairs = [(k, row, row[column], row[f"{column}_std"]) for k, row in enumerate(rows, 1)]
             yield from _series(robot, title, unit, None, factor, pairs)
         for (owner, joint, parameter), entries in joints.items():
             if owner == robot and parameter in JOINT:
                 title, unit, factor = JOINT[parameter]
-                found = [(row, entries[row["log"]]) for row in rows if row["log"] in entries]
-                pairs = [(row, entry["value"], entry["std"]) for row, entry in found]
+                found = [(k, row, entries[row["log"]]) for k, row in enumerate(rows, 1) if row["log"] in entries]
+                pairs = [(k, row, entry["value"], entry["std"]) for k, row, entry in found]
                 yield from _series(robot, f"{joint} {title}", unit, joint, factor, pairs)
 
 
@@ -108,11 +110,11 @@ def _series(
     robot: str, title: str, unit: str, joint: str | None, factor: float, pairs: Sequence[tuple[LogRow, Any, Any]]
 ) -> Iterator[FleetSeries]:
     """Yields a series of the observed values; nothing if there are none."""
-    good = ((row, value, std) for row, value, std in pairs if row["trust"] != "bad" and value is not None and std)
-    seen = [(row, factor * value, factor * std) for row, value, std in good]
+    good = (p for p in pairs if p[1]["trust"] != "bad" and p[2] is not None and p[3])
+    seen = [(k, row, factor * value, factor * std) for k, row, value, std in good]
     if seen:
-        rows, value, std = zip(*seen, strict=True)
-        yield FleetSeries(robot, title, unit, joint, np.array(value), np.array(std), tuple(rows))
+        numbers, rows, value, std = zip(*seen, strict=True)
+        yield FleetSeries(robot, title, unit, joint, np.array(value), np.array(std), rows, np.array(numbers))
 
 
 def _in_time(rows: Sequence[LogRow]) -> list[LogRow]:

@@ -14,7 +14,7 @@ from stadera.excite.design import Excitation
 from stadera.excite.trunk.planted import AXES
 from stadera.excite.trunk.result import Routine
 from stadera.report.figures import Axis, Figure, Guide, Panel, Series, line
-from stadera.report.numbers import number
+from stadera.report.numbers import counted, number
 from stadera.report.table import TableData, notes, rich_table
 from stadera.robot.kinematics import forward_kinematics
 
@@ -55,7 +55,7 @@ def worth_table(result: Excitation) -> TableData:
         "motion",
         "information gain [nat]",
         f"combinations known, of {len(result.combinations)}",
-        f"links' alone, joint terms given, of {result.rigid_rank}",
+        f"of links, joint terms given, of {result.rigid_rank}",
         "median std [% of prior's]",
         "worst std [% of prior's]",
     )
@@ -81,7 +81,7 @@ def figures(result: Excitation) -> dict[str, Figure]:
 
 def std_figure(result: Excitation) -> Figure:
     """Standard deviation of each identifiable combination as a share of the prior's, for the motion and the draws."""
-    names = tuple(map(str, result.combinations))
+    names = tuple(str(combination).replace(" - ", " − ") for combination in result.combinations)
     at, marks = np.arange(float(len(names))), []
     if result.draws:
         spread = 100.0 * np.array([draw.std for draw in result.draws])
@@ -301,8 +301,8 @@ def routine_html(result: Routine) -> str:
         facts={
             "Robot": robot,
             "Duration": f"{seconds} s, from rest to rest",
-            "Bars": "of the estimator on a made log, median of "
-            f"{result.settings.drawn} robots with errors as its prior has them",
+            "Error bars": "the estimator's on simulated logs, median of "
+            f"{counted(result.settings.drawn, 'robot')} drawn from its prior",
             "Seed": str(result.settings.seed),
         },
     )

@@ -34,6 +34,7 @@ from stadera.trunk.drives import TERMS
 from stadera.trunk.error_model import ErrorModel
 from stadera.trunk.memory import UNCHANGED, Memory
 from stadera.trunk.settings import ModelErrors
+from stadera.types import Array
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -72,8 +73,8 @@ def change_text(departure: Departure) -> str:
 
 def time_text(departure: Departure) -> str:
     """The time in words: the time of day or the number of the log."""
-    rows = departure.series.rows
-    first, last = (when(rows[k]) or f"log {k + 1}" for k in (departure.first, departure.last))
+    rows, numbers = departure.series.rows, departure.series.numbers
+    first, last = (when(rows[k]) or f"log {numbers[k]}" for k in (departure.first, departure.last))
     return {"since": f"since {first}", "once": f"in {first}", "while": f"from {first} to {last}"}[departure.kind]
 
 
@@ -117,11 +118,7 @@ def figure(series: FleetSeries, found: Sequence[Departure], pages: Mapping[str, 
         out[departure.first : departure.last + 1] = departure.kind != "since"
     doubtful = np.array([row["trust"] == "doubtful" for row in rows])
     named = series.joint is None and len(rows) <= SHOWN.named
-    if all(map(when, rows)):
-        begins = np.array([row["begin"] for row in rows])
-        x, axis = (begins - begins[0]) / DAY, Axis(f"days since {when(rows[0])[:10]}")
-    else:
-        x, axis = np.arange(1.0, len(rows) + 1.0), Axis("number of the log")
+    x, axis = _time_axis(series)
     marks = [Series(x, value, "", "steel", 0.8)] if series.joint is None else []
     for colour, marker, chosen in (
         ("blue", "dot", ~out & ~doubtful),
@@ -144,6 +141,22 @@ def figure(series: FleetSeries, found: Sequence[Departure], pages: Mapping[str, 
     y = Axis(f"{series.title} [{series.unit}]", limits=(low, high) if high > low else None)
     title = f"{y.title} of {series.robot} over {counted(len(value), 'log')}"
     return Figure(title, ((Panel(axis, y, tuple(marks)),),), row_height=260.0, width=540.0)
+
+
+def _time_axis(series: FleetSeries) -> tuple[Array, Axis]:
+    """Places of the logs, by the time of day where all have one, else by number; ticks at whole ones."""
+    rows, x, title = series.rows, series.numbers.astype(float), "number of the log"
+    if all(map(when, rows)):
+        x = np.array([row["begin"] for row in rows]) - rows[0]["begin"]
+        unit, name = next(((u, n) for u, n in _UNITS if x.max() >= 2.0 * u), _UNITS[-1])
+        x, title = x / unit, f"{name} since {when(rows[0])}"
+    span = float(np.ptp(x))
+    step = next(digit * 10.0**k for k in range(9) for digit in (1, 2, 5) if digit * 10**k >= span / 8.0)
+    room = 0.04 * span or 0.5
+    return x, Axis(title, limits=(float(x.min()) - room, float(x.max()) + room), step=step)
+
+
+_UNITS = ((DAY, "days"), (3600.0, "hours"), (60.0, "minutes"))
 
 
 def _texts(series: FleetSeries, which: Sequence[int], pages: Mapping[str, str]) -> dict[str, Any]:
@@ -180,8 +193,8 @@ def fleet_html(
         level="warning" if found or failed else "note",
         headline=_headline(found, fleet, len(failed), len(table.rows)),
         word="to be looked at" if found or failed else "good",
-        why=f"{counted(looks_at(fleet), 'comparison')}; an unchanged fleet is reported with a probability of at most "
-        f"{number(100.0 * chance, 1)} %.",
+        why=f"{counted(looks_at(fleet), 'comparison')}; the chance that any of them reports an unchanged fleet is at "
+        f"most {number(100.0 * chance, 1)} %.",
         next=_advice(found, failed),
         robots=robots_table(table),
         failed=_failed_table(failed) if failed else None,
@@ -213,9 +226,8 @@ def _headline(found: Sequence[Departure], fleet: Sequence[FleetSeries], failed: 
 def _advice(found: Sequence[Departure], failed: Sequence[LogRow]) -> list[str]:
     first = [(d.series.robot, d.series.rows[d.first]["log"]) for d in found[:3]]
     steps = [f"{robot}: look at `stadera weigh {log} --robot R --report page.html`" for robot, log in first]
-    wrong = [
-        f"{len(failed)} failed; see what is wrong with one by `stadera inspect {row['log']}`" for row in failed[:1]
-    ]
+    which = "the log" if len(failed) == 1 else "one of the logs"
+    wrong = [f"See what is wrong with {which} that failed: `stadera inspect {row['log']}`" for row in failed[:1]]
     return steps + wrong
 
 

@@ -17,6 +17,11 @@ def number(value: float, digits: int = 4, without: str = "none") -> str:
     return f"{_minus(mantissa)}·10{_superscript(exponent)}"
 
 
+def short(value: float) -> str:
+    """Formats a number with three significant digits, a whole one as it is."""
+    return _minus(f"{value:g}") if float(value).is_integer() and abs(value) < 1e6 else number(value, 3)
+
+
 def fixed(value: float, decimals: int) -> str:
     """Formats a number with so many decimals; zero has no sign."""
     return _minus(f"{round(value, decimals) + 0.0:.{decimals}f}")

@@ -7,6 +7,7 @@ Chromium or Chrome, if one is installed, prints a page as PDF.
 """
 
 import os
+import re
 import shutil
 import subprocess
 import tempfile
@@ -53,12 +54,17 @@ def _environment(package: str) -> Environment:
         "asset": partial(_asset, package=package),
         "plotly": plotly,
     }
-    environment.filters |= {"number": number, "with_std": with_std, "commands": commands}
+    environment.filters |= {"number": number, "with_std": with_std, "commands": commands, "unbroken": unbroken}
     return environment
 
 
 def _asset(name: str, package: str, folder: str = "templates") -> Markup:
     return Markup((resources.files(package) / folder / name).read_text(encoding="utf-8"))
+
+
+def unbroken(sentence: str) -> str:
+    """A sentence whose figures stay on one line with their bars and units."""
+    return re.sub(r" (?=±|%|(?:kg|mm|m|s|N·m)\b)|(?<=±) ", "\N{NO-BREAK SPACE}", sentence)
 
 
 def commands(sentence: str) -> Markup:

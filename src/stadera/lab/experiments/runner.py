@@ -23,6 +23,7 @@ import numpy as np
 from stadera.errors import StaderaError
 from stadera.fleet.pool import Failure, Pool, journal, read_journal, run_tasks
 from stadera.report.figures import Figure
+from stadera.report.numbers import short
 from stadera.report.table import Cell, TableData
 from stadera.results import Result, data_frame
 from stadera.types import Progress
@@ -244,8 +245,8 @@ def crossed(
     """A table of records by group, row and column: values, the paper's in brackets, coloured by their bounds."""
     groups: dict[str, dict[str, dict[str, Cell]]] = {}
     for record in records:
-        paper = "" if record.paper is None else f" ({record.paper:.3f})"
-        cell = Cell(f"{record.value:.{3 if record.value >= 1e-3 else 4}f}{paper}", strong=True, good=record.met)
+        paper = "" if record.paper is None else f" ({short(record.paper)})"
+        cell = Cell(f"{short(record.value)}{paper}", strong=True, good=record.met)
         groups.setdefault(group(record), {}).setdefault(row(record), {})[column(record)] = cell
     columns = tuple(dict.fromkeys(name for rows in groups.values() for cells in rows.values() for name in cells))
     body = {

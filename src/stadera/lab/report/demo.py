@@ -25,7 +25,7 @@ from stadera.lab.plant.payload import Tray
 from stadera.lab.supervise.supervisor import Mode
 from stadera.report.figures import Axis, Figure, Guide, Panel, band, line, stacked
 from stadera.report.figures.robot import limbs, trunk_box
-from stadera.report.numbers import number, with_std
+from stadera.report.numbers import fixed, number, with_std
 from stadera.report.page import render, script_data
 from stadera.report.table import Cell, Row, TableData, rich_table
 from stadera.report.weigh.tables import place
@@ -81,7 +81,7 @@ def _cards(result: DemoResult) -> Iterator[tuple[str, str, str]]:
     if (payload := identified.payload) is not None:
         truth = number(true_load(identified).mass)
         yield f"Box weighed, truth {truth} kg", with_std(payload.mass, payload.mass_std), "kg"
-    yield "Trunk's centre of mass off by", f"{100.0 * identified.com_error:.1f}", "cm in x-y"
+    yield "Trunk's centre of mass off by", fixed(1e3 * identified.com_error, 1), "mm in x-y"
 
 
 def _plots(result: DemoResult) -> Iterator[Figure]:
@@ -228,9 +228,9 @@ def comparison_table(result: DemoResult) -> TableData:
         each("because", lambda o: "; ".join(o.trace.reasons) or "–"),
         each("got ahead, of what was commanded [m]", ahead),
         each("steps lost", lost),
-        each("least margin of the true centre of mass [cm]", lambda o: f"{100.0 * o.trace.least_margin:.1f}"),
-        each("error of the trunk's mass in the controller [kg]", lambda o: f"{o.model.mass - o.truth.mass:+.2f}"),
-        each("error of its centre of mass in x-y, the same [cm]", lambda o: f"{100.0 * o.com_error:.2f}"),
+        each("least margin of the true centre of mass [cm]", lambda o: fixed(100.0 * o.trace.least_margin, 1)),
+        each("error of the trunk's mass in the controller [kg]", lambda o: fixed(o.model.mass - o.truth.mass, 2)),
+        each("error of its centre of mass there, in x-y [mm]", lambda o: fixed(1e3 * o.com_error, 1)),
     )
     return TableData.of("The same walk twice", ("since the box was let go", *NAMES), rows)
 

@@ -7,7 +7,7 @@ from rich.padding import Padding
 from rich.text import Text
 
 from stadera.lab.experiments.runner import ExperimentResult, Record, Skipped
-from stadera.report.numbers import counted, number
+from stadera.report.numbers import counted, short
 from stadera.report.page import render
 from stadera.report.table import SHOWN, Cell, TableData, legend, rich_table
 
@@ -42,15 +42,11 @@ def _row(record: Record) -> tuple[Cell, ...]:
     return (
         Cell(f"{record.case['joint']}: {record.metric}" if "joint" in record.case else record.metric),
         Cell("" if record.unit == "1" else record.unit),
-        Cell(_figure(record.value), strong=True),
-        Cell("" if record.bound is None else f"{sign} {_figure(record.bound)}"),
+        Cell(short(record.value), strong=True),
+        Cell("" if record.bound is None else f"{sign} {short(record.bound)}"),
         Cell(_WORDS[record.met], good=record.met),
-        Cell("" if record.paper is None else _figure(record.paper)),
+        Cell("" if record.paper is None else short(record.paper)),
     )
-
-
-def _figure(value: float) -> str:
-    return f"{value:g}" if float(value).is_integer() and abs(value) < 1e6 else number(value, 3)
 
 
 def experiment_renderables(result: ExperimentResult | Skipped) -> Iterator[RenderableType]:

@@ -92,6 +92,7 @@ class Axis:
     labels: tuple[str, ...] = ()  # categories at 0, 1, 2, ...; empty for a quantity
     limits: tuple[float, float] | None = None  # range shown; None for the range of the data
     zero: bool = False  # whether the range includes zero
+    step: float | None = None  # between ticks; None for what suits the range
 
     def names(self, letters: int) -> list[str]:
         """The categories in at most so many letters."""

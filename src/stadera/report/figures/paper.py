@@ -111,14 +111,18 @@ def _panel(place: Axes, panel: Panel) -> None:
 def _axes(place: Axes, panel: Panel) -> None:
     place.set(xlabel=panel.x.title, ylabel=panel.y.title)
     place.set_title(panel.title, loc="left")
-    for axis, set_scale, set_limits in (
-        (panel.x, place.set_xscale, place.set_xlim),
-        (panel.y, place.set_yscale, place.set_ylim),
+    from matplotlib.ticker import MultipleLocator
+
+    for axis, ticked, set_scale, set_limits in (
+        (panel.x, place.xaxis, place.set_xscale, place.set_xlim),
+        (panel.y, place.yaxis, place.set_yscale, place.set_ylim),
     ):
         if axis.log:
             set_scale("log")
         if axis.limits is not None:
             set_limits(*axis.limits)
+        if axis.step is not None:
+            ticked.set_major_locator(MultipleLocator(axis.step))
         if axis.zero:
             set_limits(0.0, None)
     if panel.x.labels:

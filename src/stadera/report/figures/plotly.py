@@ -222,6 +222,8 @@ def _axis(axis: Axis, room: Room) -> dict[str, Any]:
     }
     if axis.limits is not None:
         made["range"] = list(np.log10(axis.limits)) if axis.log else list(axis.limits)
+    if axis.step is not None:
+        made |= {"tick0": 0, "dtick": axis.step}
     if axis.labels:
         names = axis.names(room.letters)
         made |= {"tickvals": list(range(len(names))), "ticktext": names, "automargin": True, "zeroline": False}
