@@ -107,7 +107,7 @@ def series_of(table: FleetTable) -> Iterator[FleetSeries]:
 
 
 def _series(
-    robot: str, title: str, unit: str, joint: str | None, factor: float, pairs: Sequence[tuple[LogRow, Any, Any]]
+    robot: str, title: str, unit: str, joint: str | None, factor: float, pairs: Sequence[tuple[int, LogRow, Any, Any]]
 ) -> Iterator[FleetSeries]:
     """Yields a series of the observed values; nothing if there are none."""
     good = (p for p in pairs if p[1]["trust"] != "bad" and p[2] is not None and p[3])

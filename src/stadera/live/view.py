@@ -211,7 +211,7 @@ class Viewer:
         colour = _rgb(_TRUST_COLOURS[trust.verdict])
         if trust.verdict != self._verdict:
             self._verdict = trust.verdict
-            text = f"trust: {trust.verdict} {'; '.join(trust.reasons)}"
+            text = f"trust: {', '.join([str(trust.verdict), *trust.reasons])}"
             log("trust", rr.StateChange(state=trust.verdict))
             log("events", rr.TextLog(text, level=_TRUST_LEVELS[trust.verdict]))
         if trunk.observed[0]:

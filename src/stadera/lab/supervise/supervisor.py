@@ -33,6 +33,7 @@ from stadera.errors import StaderaError
 from stadera.lab.control.crawl import Crawl
 from stadera.lab.control.legs import LegDynamics
 from stadera.lab.supervise.weighing import CorrectedForces, Stage, StandingWeighing, WeighingSettings
+from stadera.report.numbers import number, with_std
 from stadera.robot.model import Robot
 from stadera.robot.stance import standing_configuration
 from stadera.trunk.estimator import TrunkEstimator
@@ -214,7 +215,7 @@ class NonstopSupervisor(Supervisor):
             self._stand(heavy)
             return
         mass, x, y, _ = found.std
-        known = f"{found.trunk.mass:.2f} ± {mass:.2f} kg, its centre of mass to {1e3 * max(x, y):.1f} mm"
+        known = f"{with_std(found.trunk.mass, mass)} kg, its centre of mass to {number(1e3 * max(x, y), 2)} mm"
         self._enter(Mode.WALKING, f"controller and planner have taken the new trunk: {known}")
 
 
@@ -332,7 +333,7 @@ class StoppingSupervisor(Supervisor):
 
 def _sentence(change: LoadChange) -> str:
     ago = change.noticed - change.time
-    return f"the load has changed by {change.mass:+.1f} ± {change.mass_std:.1f} kg, {ago:.2f} s ago by the rows since"
+    return f"{ago:.2f} s ago the load changed by {with_std(change.mass, change.mass_std)} kg"
 
 
 def _payload_of_difference(tare: TrunkModel, loaded: TrunkEstimate) -> Payload:
