@@ -76,7 +76,7 @@ def test_a_load_put_on_is_noticed_weighed_and_walked_on_with(load: float):
     assert day.states == ROUND
     noticed = day.supervisor.transitions[0]
     assert noticed.time < 3.0 + 0.6
-    assert f"changed by +{load:.1f}" in noticed.reason
+    assert f"changed by {load:.1f}" in noticed.reason
     (found,) = day.walker.models
     expected = StandingRobot(HYQ, load, PLACE)
     assert found.mass == pytest.approx(expected.trunk_mass, abs=0.02)
@@ -89,7 +89,7 @@ def test_a_load_put_on_is_noticed_weighed_and_walked_on_with(load: float):
 def test_a_load_taken_off_is_noticed_too():
     day = Day().meets(0.0, 3.0).meets(10.0, 8.0).meets(0.0, 8.0)
     assert day.states == [*ROUND, *ROUND[1:]]
-    assert "changed by -10.0" in day.supervisor.transitions[5].reason
+    assert "changed by −10.0" in day.supervisor.transitions[5].reason
     assert day.walker.models[-1].mass == pytest.approx(HYQ.inertias[HYQ.trunk].mass, abs=0.02)
 
 
