@@ -72,13 +72,12 @@ def sign_test(wins: int, runs: int) -> float:
 
 
 def markdown(record: dict[str, Any]) -> str:
-    """The tables of a run's JSON, columns padded, so that they read in a terminal too."""
+    """The tables of a run's JSON."""
     parts = []
     for case in dict.fromkeys(row["case"] for row in record["legs"]):
         parts.append(f"Leg, {record['cases'][case]}:\n\n{_table(LEG_COLUMNS, _of(record['legs'], case))}")
-    for case in dict.fromkeys(row["case"] for row in record["trunks"]):
-        runs = len(_of(record["trunks"], case)[0]["runs"])
-        parts.append(f"Trunk, {case}, medians of {runs}:\n\n{_table(TRUNK_COLUMNS, _of(record['trunks'], case))}")
+    if record["trunks"]:
+        parts.append(f"Trunk, medians: {TRUNK_CELL}:\n\n{_trunks(record['trunks'])}")
     given = {said for row in [*record["legs"], *record["trunks"]] for said in row.get("ahead", {}).values()}
     known = [f"- {said}" for said in REASONS.values() if said in given]
     return "\n\n".join([*parts, *(["Ahead of stadera in, and why:\n\n" + "\n".join(known)] if known else [])])
@@ -88,15 +87,26 @@ def _of(rows: list[Row], case: str) -> list[Row]:
     return [row for row in rows if row["case"] == case]
 
 
+def _trunks(rows: list[Row]) -> str:
+    """A row a contender, a column a case."""
+    cases, cells = list(dict.fromkeys(row["case"] for row in rows)), {}
+    for row in rows:
+        told, remark = "; ".join(shown(row) for shown in TRUNK_FIGURE.values()), _remark(row)
+        told = f"{told} ({remark})" if remark else told
+        cells.setdefault(row["contender"], []).append("no estimate" if row.get("mass") is None else told)
+    lines = [f"| {name} | {' | '.join(own)} |" for name, own in cells.items()]
+    head = [f"{case}, {len(_of(rows, case)[0]['runs'])} runs" for case in cases]
+    return "\n".join([f"| | {' | '.join(head)} |", "|---" * (len(cases) + 1) + "|", *lines])
+
+
 def _table(columns: dict[str, Callable[[Row], str]], rows: list[Row]) -> str:
     cells = [list(columns), *([cell(row) for cell in columns.values()] for row in rows)]
-    widths = [max(len(line[k]) for line in cells) for k in range(len(columns) - 1)] + [3]
-    lines = ["| " + " | ".join(c.ljust(w) for c, w in zip(line, widths, strict=True)) + " |" for line in cells]
-    return "\n".join([lines[0], "|" + "|".join("-" * (w + 2) for w in widths) + "|", *lines[1:]])
+    lines = [f"| {' | '.join(line)} |" for line in cells]
+    return "\n".join([lines[0], "|---" * len(columns) + "|", *lines[1:]])
 
 
-def _number(key: str, unit: str, digits: int) -> Callable[[Row], str]:
-    return lambda row: "–" if row.get(key) is None else f"{row[key]:.{digits}f}{unit}"
+def _number(key: str, digits: int) -> Callable[[Row], str]:
+    return lambda row: "–" if row.get(key) is None else f"{row[key]:.{digits}f}"
 
 
 def _said(key: str) -> Callable[[Row], str]:
@@ -107,32 +117,27 @@ def _said(key: str) -> Callable[[Row], str]:
 def _remark(row: Row) -> str:
     if "skipped" in row:
         return f"skipped: {row['skipped']}"
-    if row.get("mass", 0.0) is None:
-        return "no estimate in this motion"
     return "; ".join(said.split(":")[0] if said in REASONS.values() else said for said in row["ahead"].values())
 
 
 def _coverage(row: Row) -> str:
-    if row["mass"] is None:
-        return "–"
-    return "no bars" if row["coverage"] is None else f"{100 * row['coverage']:.0f} %"
+    return "no bars" if row["coverage"] is None else f"{100 * row['coverage']:.0f}"
 
 
 LEG_COLUMNS: dict[str, Callable[[Row], str]] = {
     "": lambda row: row["contender"],
-    "processor time": _number("seconds", " s", 2),
-    "memory": _number("mb", " MB", 0),
-    "held-out RMSE": _number("rmse", " N·m", 3),
-    "error to truth": _number("error", " N·m", 3),
+    "processor time [s]": _number("seconds", 2),
+    "memory [MB]": _number("mb", 0),
+    "held-out RMSE [N·m]": _number("rmse", 3),
+    "error to truth [N·m]": _number("error", 3),
     "physical": _said("physical"),
     "error bars": _said("bars"),
     "ahead in": _remark,
 }
-TRUNK_COLUMNS: dict[str, Callable[[Row], str]] = {
-    "": lambda row: row["contender"],
-    "mass, % of the robot": _number("mass", "", 2),
-    "place": _number("place", " mm", 1),
-    "latency": _number("latency", " s", 1),
-    "within 2 std": _coverage,
-    "ahead in": _remark,
+TRUNK_FIGURE: dict[str, Callable[[Row], str]] = {
+    "mass [% of the robot]": _number("mass", 2),
+    "place [mm]": _number("place", 1),
+    "latency [s]": _number("latency", 1),
+    "within 2 σ [%]": _coverage,
 }
+TRUNK_CELL = f"{'; '.join(TRUNK_FIGURE)} (and in what it is ahead of stadera)"

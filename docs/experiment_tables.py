@@ -21,7 +21,7 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
-from stadera.report.numbers import number, short
+from stadera.report.numbers import short
 
 FOLDER = Path(__file__).parent
 REPLAYS = ("replay_go2", "replay_go2_commands", "replay_aliengo", "replay_aliengo_commands")
@@ -129,16 +129,12 @@ def case(*names: str) -> Naming:
     return named
 
 
-def all_of_the_case(record: Record) -> str:
-    """Every value of the case, then metric and unit."""
-    return case(*record["case"], "metric")(record)
-
-
 def tables(name: str, records: list[Record]) -> Iterator[str]:
     """The tables of one experiment."""
     compared = [r for r in records if r["paper"] is not None or r["bound"] is not None]
     if name == "table1":
-        yield crossed(compared, all_of_the_case, lambda _: "here (paper)", "perturbation, sensor errors, method")
+        kinds = [r for r in compared if "method" in r["case"]]
+        yield crossed(kinds, case("metric"), case("perturbation", "sensor errors", "method"), "here (paper)")
     elif name == "fig4":
         yield crossed(records, case("sensor errors", "metric"), case("joint"), "sensor errors")
     elif name == "fig5":
@@ -150,16 +146,18 @@ def tables(name: str, records: list[Record]) -> Iterator[str]:
         others = [r for r in records if r["case"]["robot"] != "hyq" and r["metric"].endswith("in x-y")]
         yield crossed(others, case("robot", "metric"), case("load, share of the weight"), "load, share of the weight")
     elif name == "table3":
-        yield crossed(compared, on_ramp, case("load [N]"), "‖δ‖ [cm]; slope, axes, poses; load [N]")
+        ways = "; ".join(dict.fromkeys(r["metric"].removeprefix("‖δ‖ in the ") for r in compared))
+        yield joined(compared, slope, case("load [N]"), f"‖δ‖ [cm] in {ways}; by slope and load [N]")
     elif name == "table4":
         for error in dict.fromkeys(r["case"]["error"] for r in compared):
             chosen = [r for r in compared if r["case"]["error"] == error]
             μ, σ = (next(key for key in chosen[0]["case"] if key.startswith(letter)) for letter in "μσ")
-            yield crossed(chosen, short_reading, case(μ, σ), f"{error}: ‖δ‖ in x-y [cm]; {μ}, {σ}")
+            ways = "; ".join(dict.fromkeys(map(short_reading, chosen)))
+            yield joined(chosen, case("method"), case(μ, σ), f"{error}: ‖δ‖ in x-y [cm], {ways}; by {μ}, {σ}")
     elif name == "mini_cheetah":
         yield crossed(records, case("metric"), lambda _: "ten walks, two in the air", "")
     elif name == "identified":
-        yield crossed(records, case("metric"), case("logs"), "")
+        yield whole_robots(records)
     elif name == "humanoids":
         yield crossed(records, case("load", "errors"), case("metric"), "load, errors")
     elif name == "faults":
@@ -169,15 +167,44 @@ def tables(name: str, records: list[Record]) -> Iterator[str]:
         yield crossed(records, case("metric"), case(key), key)
 
 
-def on_ramp(record: Record) -> str:
-    """Slope, axes and number of poses of Table III."""
-    return f"{record['case']['slope [deg]']:g}°, {record['metric'].removeprefix('‖δ‖ in the ')}"
+def whole_robots(records: list[Record]) -> str:
+    """By quantity and logs: median error, share that was determined, and share within two standard deviations."""
+    found = {(r["case"]["logs"], *r["metric"].split(": ")): r for r in records if ": " in r["metric"]}
+    cells: dict[str, dict[str, str]] = {}
+    for (logs, name, part), record in found.items():
+        if part.startswith("median error"):
+            shares = [found.get((logs, name, share)) for share in ("determined", "within 2 σ")]
+            also = ["–" if share is None else cell(share) for share in shares if any(shares)]
+            row = f"{name}{re.sub('median error(, relative)?', '', part).replace(' of the', ',')} [{record['unit']}]"
+            cells.setdefault(row, {})[logs] = "; ".join([cell(record), *also])
+    return table(cells, "median error; determined, within 2 σ [%]")
+
+
+def slope(record: Record) -> str:
+    """Slope of Table III."""
+    return f"{record['case']['slope [deg]']:g}°"
 
 
 def short_reading(record: Record) -> str:
-    """Reading and method of Table IV in a few words."""
+    """Reading of Table IV in a few words."""
     readings = {"measured, constant over a run": "constant", "measured, new in every sample": "every sample"}
-    return f"{readings.get(record['case']['reading'], 'controller misled')}, {record['case']['method']}"
+    return readings.get(record["case"]["reading"], "controller misled")
+
+
+def joined(records: Iterable[Record], row: Naming, column: Naming, corner: str) -> str:
+    """A table of several values a cell, the paper's, which they have in common, in brackets."""
+    found: dict[str, dict[str, list[Record]]] = {}
+    for record in records:
+        found.setdefault(row(record), {}).setdefault(column(record), []).append(record)
+    cells = {
+        name: {
+            key: "; ".join(cell(r | {"paper": None}) for r in own)
+            + ("" if own[0]["paper"] is None else f" ({short(own[0]['paper'])})")
+            for key, own in columns.items()
+        }
+        for name, columns in found.items()
+    }
+    return table(cells, corner)
 
 
 def real_legs(records: list[Record]) -> str:
@@ -189,47 +216,6 @@ def real_legs(records: list[Record]) -> str:
             values = [r["value"] for r in own if r["metric"] == metric]
             cells.setdefault(f"{robot}, {part}", {})[f"{metric} [N·m]"] = short(sum(values) / len(values))
     return table(cells, "mean of four legs")
-
-
-def ablation(record: Record) -> str:
-    """The mechanisms whose absence shows: by more than scatter in score, tails, verdicts or coverage."""
-    base, *rest = record["kept"]
-    shown = [row for row in rest if _shows(row, base)]
-    cells = {
-        row["without"]: {
-            "score": f"{row['score']:.2f}",
-            "trunk [%]": f"{row['trunk']:g}; {row['trunk_95']:g}",
-            "payload [%]": f"{row['payload']:g}; {row['payload_95']:g}",
-            "within 2 σ [%]": f"{row['within']:g}",
-            "walks: spread [%], verdicts": f"{row['walks_spread']:g}, {row['walks_verdicts']}",
-        }
-        for row in [base, *shown]
-    }
-    return table(cells, "without")
-
-
-def _shows(row: Record, base: Record) -> bool:
-    return (
-        abs(row["score"] - base["score"]) > 0.05
-        or row["payload_95"] > base["payload_95"] + 0.4
-        or row["within"] < base["within"] - 2
-        or row["walks_verdicts"] != base["walks_verdicts"]
-    )
-
-
-def sizes(record: Record) -> str:
-    """One scale of all model errors against a size for each kind."""
-    cells = {
-        row["logs"]: {
-            "score": "{:.2f} → {:.2f}".format(*row["score"]),
-            "NEES": "{:g} → {:g}".format(*row["nees"]),
-            "bar of the centre [mm]": "{:g} → {:g}".format(*row["centre_bar"]),
-            "within 2 σ [%]": "{:g} → {:g}".format(*row["within"]),
-            "beyond 4 σ": "{:g} → {:g}".format(*row["beyond_4"]),
-        }
-        for row in record["sizes"]
-    }
-    return table(cells, "one scale → by kind")
 
 
 SHOWN = {
@@ -320,15 +306,16 @@ def demo(runs: list[Record]) -> str:
 
 
 def replays() -> str:
-    """Errors by run and model, of the runs that are kept, as `stadera replay --json` writes them."""
+    """Errors by model and run, of the runs that are kept, as `stadera replay --json` writes them."""
     cells: dict[str, dict[str, str]] = {}
+    windows: tuple[str, ...] = ()
     for name in REPLAYS:
-        path = RESULTS / f"{name}.json"
-        for window, errors in json.loads(path.read_text(encoding="utf-8"))["rmse"].items() if path.exists() else ():
-            for model, by_joint in errors.items():
-                row = f"{name.removeprefix('replay_').replace('_', ', ')}: {model}"
-                cells.setdefault(row, {})[f"{window} s [rad]"] = number(by_joint["all"], 3)
-    return table(cells, "log: model")
+        rmse = json.loads((RESULTS / f"{name}.json").read_text(encoding="utf-8"))["rmse"]
+        windows = tuple(rmse)
+        for model in rmse[windows[0]]:
+            column = name.removeprefix("replay_").replace("_", ", ")
+            cells.setdefault(model, {})[column] = "; ".join(short(rmse[w][model]["all"]) for w in windows)
+    return table(cells, f"error [rad] after {'; '.join(windows)} s")
 
 
 def outcomes(runs: Iterable[Record]) -> str:
@@ -352,8 +339,6 @@ def read(name: str) -> list[Record] | None:
 
 WHOLE: dict[str, tuple[str, Callable[[Any], str]]] = {
     "demo": ("demo", demo),
-    "ablation": ("ablation", ablation),
-    "sizes": ("ablation", sizes),
     "reality_table": ("reality_table", reality),
 }
 """Tables that are made of all of a file, by the name between the marks."""
