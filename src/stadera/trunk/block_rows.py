@@ -35,7 +35,8 @@ class Equations:
 @dataclass(frozen=True, eq=False)
 class SwingRows:
     """A window's rows in joint space, for legs in the air: see `stadera.trunk.swing.SwingJoints.add`; `white` is the
-    variance, `sliding` the share of the joints that slide throughout the window [1], `stepping` as of `Lifted`.
+    variance, `slides` (2, J) tells joints that slide forward, and backward, throughout the window, `stepping` is as of
+    `Lifted`.
     """
 
     air: Bools
@@ -43,7 +44,7 @@ class SwingRows:
     rate: Array
     residual: Array
     white: Array
-    sliding: float
+    slides: Bools
     stepping: bool = False
 
 

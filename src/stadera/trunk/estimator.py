@@ -105,7 +105,9 @@ class TrunkEstimator:
         self._front.shape = self._start
         self._fit = ModelFit(self.robot, self.settings)
         layout = self._fit.model.layout
-        self._history = History(self.robot, self._start.vector, layout, self.settings, len(places), self._fit.friction)
+        static = np.sqrt(self._fit.model.variance[layout.sticking])
+        known = self._start.vector, layout, self.settings, len(places)
+        self._history = History(self.robot, *known, self._fit.friction, static)
         self._history.at = self._where.candidates[0]
         self._changes = LoadChanges(self.robot, self.settings, self._where)
         self._known: tuple[Knowledge, ...] = ()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
-from math import exp
+from math import exp, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -78,7 +78,8 @@ class History:
     Args:
         robot: the model. prior: (10,), of the trunk. layout: places of the model errors.
         places: number of those where a load may be, besides the trunk.
-        friction: (joints,) [N·m], see `ModelFit.friction`.
+        friction: (joints,) [N·m], see `ModelFit.friction`. static: (joints,) [N·m], standard deviation of the friction
+            that may hold a joint.
 
     Attributes:
         at: where the present load is. before: the trunk without it; None before any load and without a tare.
@@ -96,6 +97,7 @@ class History:
         settings: TrunkSettings,
         places: int = 0,
         friction: Array | None = None,
+        static: Array | None = None,
     ) -> None:
         self._settings, self._layout, self._places = settings, layout, places
         self.at: Blocks = (0,)
@@ -108,6 +110,9 @@ class History:
         few = robot.unfelt_std[list(layout.unfelt)]
         self._unfelt = (layout.places["unfelt"], few) if len(few) else None
         self._friction = None if friction is None else (layout.places["offset"], friction)
+        holding = layout.places["stiction"], layout.places["standstill"]
+        alike = settings.outliers.held == 1.0  # whether joints slide or not
+        self._static = None if static is None or alike else (holding, sqrt(settings.swing.repeated) * static)
         self.blocks = 0
         self.recent: deque[WeightedRows] = deque()
         self._known = deque([Segment.prior(prior, self._wide, layout, places)])  # before each of `recent`, and with all
@@ -175,18 +180,20 @@ class History:
     def add(self, made: BlockRows, errors: Array) -> WeightedRows:
         """Adds a block, and returns its rows with their weight; `errors` are p̂."""
         keep = exp(-made.elapsed / self._settings.memory)
-        rows = weighted(made, self._unit, self._of_limbs, self._unfelt, self._friction)
-        rows = rows.weighing(self._slides(rows, self.current) * self._robust.weight(rows, self.current, errors))
-        self._known.append(self.current.add(rows, keep * self._kept(rows, self.current)))
+        rows = weighted(made, self._unit, self._of_limbs, self._unfelt, self._friction, self._static)
+        felt = self.current.felt(rows)
+        rows = rows.weighing(self._slides(felt, self.current) * self._robust.weight(felt, self.current, errors))
+        self._known.append(self.current.add(felt.weighing(rows.weight), keep * self._kept(rows, self.current)))
         self.recent.append(rows)
         self.blocks += 1
         loaded = self.loaded
         if loaded is not None:
             self._unused -= 1
             if self._unused < 0:  # weighted by residuals from the present load: the estimate may be of the one before
-                weight = self._slides(rows, loaded) * self._since_tare.weight(rows, loaded, errors)
+                felt = loaded.felt(rows)
+                weight = self._slides(felt, loaded) * self._since_tare.weight(felt, loaded, errors)
                 keep *= self._kept(rows, loaded)
-                loaded = loaded.add(rows.weighing(weight), keep, remainder=self._places > 0)
+                loaded = loaded.add(felt.weighing(weight), keep, remainder=self._places > 0)
         self._loaded.append(loaded)
         if len(self.recent) > 2 * self._settings.changes.pending:
             self.recent.popleft()
@@ -215,8 +222,9 @@ class History:
         self._set((*self.finished[-3:], before))
         self._begin(self._widened(before, errors), (), None)
         for rows in recent[len(recent) - blocks + spoilt :]:  # weights were those of residuals from the earlier load
-            self.recent.append(rows.weighing(self._slides(rows, self.current)))
-            self._known.append(self.current.add(self.recent[-1], self._kept(rows, self.current)))
+            felt = self.current.felt(rows)
+            self.recent.append(rows.weighing(self._slides(felt, self.current)))
+            self._known.append(self.current.add(felt.weighing(self.recent[-1].weight), self._kept(rows, self.current)))
             self._loaded.append(None)
         return known
 
@@ -233,9 +241,11 @@ class History:
             self._loaded.append(loaded if loaded is None else (loaded := loaded.add(row, remainder=self._places > 0)))
 
     def _slides(self, rows: WeightedRows, known: Segment) -> float:
-        """Weight of a block by its joints' sliding, see `OutlierSettings`; one while the robot has only stood."""
+        """Weight of a block by its joints' sliding, see `OutlierSettings`, unless friction is in its share
+        already (`Segment.felt`); one while the robot has only stood.
+        """
         settings = self._settings.outliers
-        return 1.0 if rows.sliding >= settings.sliding or not known.moved else settings.held
+        return 1.0 if rows.sliding >= settings.sliding or not known.moved else min(settings.held / rows.share, 1.0)
 
     def _kept(self, rows: WeightedRows, known: Segment) -> float:
         """Weight of what a robot told that has only stood, once it moves."""

@@ -448,14 +448,14 @@ class RowMaker:
         vague = np.sqrt(STICTION_VELOCITY**2 + averaged[:, None] * noise.velocity)
         unsure = 1.0 - np.tanh(joint[:, 1] / vague) ** 2
         stepping = (first["stepping"] | second["stepping"]).tolist()
-        air, sliding = first["air"] & second["air"], (np.abs(joint[:, 2]) > _SLIDES).mean(axis=1).tolist()
+        air, slides = first["air"] & second["air"], np.stack([joint[:, 2], -joint[:, 2]], axis=1) > _SLIDES
         return [
             BlockRows(
                 float(second["end"][b]),
                 float(elapsed[b]),
                 columns[b],
                 white[b],
-                SwingRows(air[b], joint[b, :5], joint[b, 5], joint[b, 6], noise.torque[b], sliding[b], stepping[b]),
+                SwingRows(air[b], joint[b, :5], joint[b, 5], joint[b, 6], noise.torque[b], slides[b], stepping[b]),
                 unsure[b],
                 None if limbs is None else limbs[b],
             )

@@ -15,6 +15,13 @@ have no θ, make the triangle go on below:
     [    L ] [φ] + [H] p = [y]
 
 Without a load elsewhere φ is zero. With one, see `stadera.trunk.placed`.
+
+A robot that is loaded sags a little, and then static friction holds a part of the load until the joints have moved
+again, by a step or a sway: a crawl seems to carry 3 to 10 % of the robot less than it does for two seconds. Friction of
+a joint that has slid forward and backward under the load no longer depends on how the load came. So with H what the
+friction of all others may do to a block's rows, one standard deviation of it, and n the number of rows that share it,
+
+    rows ← (1 + n H Hᵀ)^-1/2 rows
 """
 
 from __future__ import annotations
@@ -33,7 +40,7 @@ from stadera.robot.model import Robot
 from stadera.trunk.block_rows import BlockRows, Equations
 from stadera.trunk.error_model import ErrorLayout
 from stadera.trunk.placed import Held, Told, TrunkAndLoad, folded, told
-from stadera.types import Array
+from stadera.types import Array, Bools
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +52,9 @@ class WeightedRows(Equations):
         columns: (6, ...), of A, b, C and loads. limbs: (joints, ...), None if there are none.
         white: variance of the white noise, summed over the six rows [1].
         weight: of the rows in sums [1], see `stadera.trunk.history.RobustWeights`.
-        sliding: share of the joints that slide, whose direction of friction is known [1].
+        share: of the six rows that friction does not hide [1].
+        slides: (2, joints), joints that slide forward, and backward.
+        hidden: (6, joints), √n H of the module's text; None if it is taken into account.
         stepping: a foot moves relative to the others.
     """
 
@@ -53,9 +62,16 @@ class WeightedRows(Equations):
     columns: Array
     white: float
     weight: float = 1.0
-    sliding: float = 1.0
+    share: float = 1.0
+    slides: Bools = field(default_factory=lambda: np.ones((2, 1), dtype=bool))
+    hidden: Array | None = None
     stepping: bool = False
     limbs: Array | None = None
+
+    @property
+    def sliding(self) -> float:
+        """Share of the joints that slide, whose direction of friction is known [1]."""
+        return float(self.slides.any(axis=0).mean())
 
     @classmethod
     def of(cls, time: float, matrix: Array, errors: Array, target: Array, white: float) -> WeightedRows:
@@ -80,6 +96,7 @@ class Segment:
         moved: sum of the weights of blocks in which the robot moves [1]. stepped: of those in which it walks.
         below: (loads, loads + 1 + errors), L, y and H.
         held: where a load is that the trunk does not contain, and the trunk without it; None if there is none.
+        slid: (2, joints), joints that have slid forward, and backward, since the first row.
     """
 
     layout: ErrorLayout
@@ -91,6 +108,7 @@ class Segment:
     stepped: float = 0.0
     below: Array = field(default_factory=lambda: np.zeros((0, 0)))
     held: Held | None = None
+    slid: Bools = field(default_factory=lambda: np.zeros((2, 1), dtype=bool))
     _last: list[tuple[Segment, float, Array, bool]] = field(default_factory=list, repr=False)
 
     @classmethod
@@ -110,7 +128,8 @@ class Segment:
         Args:
             remainder: keep what `remainder` needs.
         """
-        below, root = self.below, sqrt(rows.weight)
+        rows = self.felt(rows)
+        below, root, weight = self.below, sqrt(rows.weight), rows.weight * rows.share
         triangle, residue = folded(self.triangle, root * rows.columns, sqrt(keep), 10)
         if loads := len(below):
             more = residue if rows.limbs is None else np.vstack([residue, root * rows.limbs[:, 10:]])
@@ -122,15 +141,27 @@ class Segment:
         return Segment(
             self.layout,
             triangle,
-            keep * self.count + 6.0 * rows.weight,
-            keep * self.white + rows.weight * rows.white,
+            keep * self.count + 6.0 * weight,
+            keep * self.white + weight * rows.white,
             self.blocks + 1,
-            keep * self.moved + rows.weight * moving,
-            keep * self.stepped + rows.weight * (moving and rows.stepping),
+            keep * self.moved + weight * moving,
+            keep * self.stepped + weight * (moving and rows.stepping),
             below,
             self.held,
+            self.slid | rows.slides,
             [(self, keep, residue, moving)] if remainder else [],
         )
+
+    def felt(self, rows: WeightedRows) -> WeightedRows:
+        """The rows without what friction may hide in them, see the module's text. While a robot has only stood all are
+        alike, and left as they are.
+        """
+        free = self.slid.all(axis=0)
+        if rows.hidden is None or free.all() or not (self.moved or self.moves(rows)):
+            return rows
+        felt = discounted(np.hstack([rows.columns, np.eye(6)]), rows.hidden * ~free)
+        share = float((felt[:, -6:] ** 2).sum()) / 6.0
+        return replace(rows, columns=felt[:, :-6], share=share, hidden=None)
 
     def moves(self, rows: WeightedRows) -> bool:
         """True if at least half of the joints move in a block. The columns of a robot at rest are noise, and its
@@ -286,6 +317,7 @@ def weighted(
     of_limbs: Array | None = None,
     unfelt: tuple[slice, Array] | None = None,
     friction: tuple[slice, Array] | None = None,
+    static: tuple[Sequence[slice], Array] | None = None,
 ) -> WeightedRows:
     """Scales rows to their `unit_of_rows`, and those of the limbs to theirs.
 
@@ -294,6 +326,8 @@ def weighted(
             hide them.
         friction: places of errors of the joints' torques, and standard deviations of the friction of joints that hardly
             move [N·m], of whichever direction: it counts as white noise.
+        static: places of errors by static friction, of which each joint has one, and their standard deviations [N·m],
+            times the root of the number of rows that share them.
     """
     white, columns = float(rows.white @ unit**-2.0), rows.columns / unit[:, None]
     if unfelt is not None:
@@ -303,8 +337,18 @@ def weighted(
     if friction is not None:
         white += float(((columns[:, 11:][:, friction[0]] * friction[1]) ** 2 @ rows.unsure).sum())
     limbs = None if rows.limbs is None or of_limbs is None else rows.limbs / of_limbs[:, None]
-    swing = rows.swing
-    return WeightedRows(rows.time, columns, white, sliding=swing.sliding, stepping=swing.stepping, limbs=limbs)
+    held: Array | None = None
+    if static is not None:
+        held = static[1] * np.sum([columns[:, 11:][:, place] for place in static[0]], axis=0)
+    return WeightedRows(
+        rows.time,
+        columns,
+        white,
+        slides=rows.swing.slides,
+        hidden=held,
+        stepping=rows.swing.stepping,
+        limbs=limbs,
+    )
 
 
 @dataclass(frozen=True, eq=False)

@@ -249,9 +249,10 @@ class OutlierSettings:
             do not define the usual ones.
         sliding: share of the joints that must slide for a block to count in full [1]. A quarter: of the blocks of real
             trots and walks one in eleven has fewer.
-        held: weight of a block in which fewer slide, relative to one in which they slide [1]. Static
-            friction takes any torque up to its bound, 2 % of the limit, while what is wrong with a sliding joint is
-            0.3 %: the square of their ratio. Without it a robot that moves, stops and is loaded is weighed by friction.
+        held: weight of a block in which fewer slide, relative to one in which they slide [1]; with one, blocks count
+            alike whatever friction may hold. Static friction takes any torque up to its bound, 2 % of the limit, while
+            what is wrong with a sliding joint is 0.3 %: the square of their ratio. Without it a robot that moves, stops
+            and is loaded is weighed by friction.
         remembered: number of blocks over which usual residuals are averaged: two seconds, several steps.
     """
 

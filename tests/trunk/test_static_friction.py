@@ -1,0 +1,102 @@
+"""Static friction that holds a part of a new load, until the joints have moved again."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from layout import ERRORS, LAYOUT
+from stadera.robot import load_robot
+from stadera.trunk.block_rows import BlockRows, SwingRows
+from stadera.trunk.history import History
+from stadera.trunk.segment import Segment, WeightedRows, weighted
+from stadera.trunk.settings import TrunkSettings
+
+RNG = np.random.default_rng(8)
+FORWARD, BACKWARD = np.eye(2, dtype=bool)
+JOINTS = np.arange(12)
+
+
+def block(hidden: np.ndarray, slides: np.ndarray) -> WeightedRows:
+    """Rows of a robot whose joints all move, but for the friction that may hide in them."""
+    columns = np.hstack([RNG.standard_normal((6, 11)), np.zeros((6, ERRORS))])
+    return WeightedRows(0.0, columns, 1.0, slides=slides, hidden=hidden)
+
+
+def empty() -> Segment:
+    return Segment.prior(np.zeros(10), np.full(10, 10.0), LAYOUT)
+
+
+def test_rows_count_as_if_their_common_friction_were_one_more_unknown() -> None:
+    """n equal blocks b = A θ + H f + w, all with the same f ~ N(0, 1): the mean of the b has the covariance 1/n + H Hᵀ,
+    so θ has the information Aᵀ (1/n + H Hᵀ)⁻¹ A, written out here with f as further unknowns.
+    """
+    n, H = 7, RNG.standard_normal((6, 12))
+    rows = block(np.sqrt(n) * H, np.zeros((2, 12), dtype=bool))
+    segment = empty()
+    for _ in range(n):
+        segment = segment.add(rows)
+    A, b = rows.columns[:, :10], rows.columns[:, 10]
+    both = np.hstack([A, H])
+    normal = n * both.T @ both + np.diag([*np.full(10, 1e-2), *np.ones(12)])
+    theta = np.linalg.solve(normal, n * both.T @ b)[:10]
+    covariance = np.linalg.inv(normal)[:10, :10]
+    assert segment.mean(np.zeros(ERRORS)) == pytest.approx(theta, abs=1e-9)
+    assert segment.inverse @ segment.inverse.T == pytest.approx(covariance, abs=1e-9)
+
+
+def test_the_rows_that_are_left_are_counted() -> None:
+    """Friction that hides one of six directions whole leaves five sixths of a block, of its noise too."""
+    hidden = np.zeros((6, 12))
+    hidden[2, 4] = 1e6
+    segment = empty().add(block(hidden, np.zeros((2, 12), dtype=bool)))
+    assert (segment.weight, segment.white, segment.moved) == pytest.approx((5 / 6, 5 / 6, 5 / 6))
+
+
+def test_a_joint_that_has_slid_both_ways_hides_nothing_more() -> None:
+    hidden = RNG.standard_normal((6, 12))
+    segment, seen = empty(), block(hidden, np.zeros((2, 12), dtype=bool))
+    one_way = np.outer(FORWARD, JOINTS < 6)
+    segment = segment.add(replace(seen, slides=one_way))
+    assert segment.felt(seen).share < 1.0
+    segment = segment.add(replace(seen, slides=np.outer(BACKWARD, JOINTS < 6)))
+    only_others = replace(seen, hidden=hidden * (JOINTS >= 6))
+    assert segment.felt(seen).columns == pytest.approx(empty().felt(only_others).columns)
+    segment = segment.add(replace(seen, slides=np.ones((2, 12), dtype=bool)))
+    assert segment.felt(seen) is seen
+
+
+def test_a_robot_that_has_only_stood_is_weighed_by_all_its_rows_alike() -> None:
+    seen = block(RNG.standard_normal((6, 12)), np.zeros((2, 12), dtype=bool))
+    columns = seen.columns.copy()
+    columns[:, 11 + LAYOUT.sticking.start : 11 + LAYOUT.sticking.stop] = 1.0
+    seen = replace(seen, columns=columns)
+    assert empty().felt(seen) is seen
+
+
+def test_a_load_begins_with_joints_that_have_not_slid_under_it() -> None:
+    robot, settings = load_robot("hyq"), TrunkSettings()
+    history = History(robot, np.zeros(10), LAYOUT, settings, static=np.ones(12))
+    swing = SwingRows(np.zeros(12, dtype=bool), *[np.empty((0, 0))] * 4, slides=np.ones((2, 12), dtype=bool))
+    for k in range(settings.changes.pending):
+        columns = np.hstack([RNG.standard_normal((6, 11)), np.zeros((6, ERRORS))])
+        history.add(BlockRows(0.02 * k, 0.02, columns, np.ones(6), swing, np.zeros(12)), np.zeros(ERRORS))
+    assert history.current.slid.all()
+    history.set_tare(np.zeros(ERRORS))
+    assert history.loaded is not None
+    assert not history.loaded.slid.any()
+    history.begin_load(settings.changes.spoilt, np.zeros(ERRORS))
+    assert not history.current.slid.any()
+
+
+def test_what_friction_hides_is_that_of_a_joint_at_rest_or_at_standstill() -> None:
+    columns = np.zeros((6, 11 + ERRORS))
+    holding = LAYOUT.places["stiction"], LAYOUT.places["standstill"]
+    for place, some in zip(holding, (JOINTS < 5, JOINTS >= 5), strict=True):
+        columns[:, 11 + place.start : 11 + place.stop] = some
+    swing = SwingRows(np.zeros(12, dtype=bool), *[np.empty((0, 0))] * 4, slides=np.zeros((2, 12), dtype=bool))
+    made = BlockRows(0.0, 0.02, columns, np.ones(6), swing, np.zeros(12))
+    unit, std = np.arange(1.0, 7.0), np.linspace(0.1, 1.0, 12)
+    assert weighted(made, unit, static=(holding, std)).hidden == pytest.approx(std / unit[:, None])
