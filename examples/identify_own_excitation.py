@@ -12,6 +12,7 @@ import stadera
 from stadera.excite.design import motion_table
 from stadera.lab.plant.leg import simulate_leg
 from stadera.logs import write_table
+from stadera.report.numbers import number, with_std
 
 
 def main(name: str = "hyq", leg: str = "RH", seconds: str = "30") -> None:
@@ -29,8 +30,8 @@ def main(name: str = "hyq", leg: str = "RH", seconds: str = "30") -> None:
     # 3. links, rotors and friction of the leg, each with its standard deviation
     result = stadera.identify(robot, [log], stadera.IdentifySettings(legs=(leg,)))
     for parameter, found in result.legs[0].parameters.items():
-        std = "-" if found.std is None else f"{found.std:.2g}"
-        print(f"{parameter:22} {found.value:9.4f} ± {std:8} {found.unit:10} {found.verdict}")
+        value = number(found.value, 3) if found.std is None else with_std(found.value, found.std)
+        print(f"{parameter:22} {value:22} {found.unit:10} {found.verdict}")
 
 
 if __name__ == "__main__":

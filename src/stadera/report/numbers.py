@@ -40,7 +40,7 @@ def with_std(value: float, std: float) -> str:
     exponent = floor(log10(largest))
     scale = 10.0**exponent if not -4 < exponent < 6 else 1.0
     decimals = min(max(1 - floor(log10(std / scale)), 0), 9)
-    text = f"{_minus(f'{value / scale:.{decimals}f}')} ± {std / scale:.{decimals}f}"
+    text = f"{fixed(value / scale, decimals)} ± {std / scale:.{decimals}f}"
     return text if scale == 1.0 else f"({text})·10{_superscript(exponent)}"
 
 
