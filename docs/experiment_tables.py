@@ -147,13 +147,15 @@ def tables(name: str, records: list[Record]) -> Iterator[str]:
         yield crossed(others, case("robot", "metric"), case("load, share of the weight"), "load, share of the weight")
     elif name == "table3":
         ways = "; ".join(dict.fromkeys(r["metric"].removeprefix("‖δ‖ in the ") for r in compared))
-        yield joined(compared, slope, case("load [N]"), f"‖δ‖ [cm] in {ways}; by slope and load [N]")
+        yield f"‖δ‖ [cm] in {ways} (paper):"
+        yield joined(compared, slope, case("load [N]"), "slope; load [N]")
     elif name == "table4":
         for error in dict.fromkeys(r["case"]["error"] for r in compared):
             chosen = [r for r in compared if r["case"]["error"] == error]
             μ, σ = (next(key for key in chosen[0]["case"] if key.startswith(letter)) for letter in "μσ")
             ways = "; ".join(dict.fromkeys(map(short_reading, chosen)))
-            yield joined(chosen, case("method"), case(μ, σ), f"{error}: ‖δ‖ in x-y [cm], {ways}; by {μ}, {σ}")
+            yield f"{error[0].upper()}{error[1:]}: ‖δ‖ in x-y [cm], {ways} (paper):"
+            yield joined(chosen, case("method"), case(μ, σ), f"{μ}, {σ}")
     elif name == "mini_cheetah":
         yield crossed(records, case("metric"), lambda _: "ten walks, two in the air", "")
     elif name == "identified":
@@ -177,7 +179,7 @@ def whole_robots(records: list[Record]) -> str:
             also = ["–" if share is None else cell(share) for share in shares if any(shares)]
             row = f"{name}{re.sub('median error(, relative)?', '', part).replace(' of the', ',')} [{record['unit']}]"
             cells.setdefault(row, {})[logs] = "; ".join([cell(record), *also])
-    return table(cells, "median error; determined, within 2 σ [%]")
+    return f"Median error; determined; within 2 σ [%]:\n\n{table(cells, '')}"
 
 
 def slope(record: Record) -> str:
@@ -315,7 +317,7 @@ def replays() -> str:
         for model in rmse[windows[0]]:
             column = name.removeprefix("replay_").replace("_", ", ")
             cells.setdefault(model, {})[column] = "; ".join(short(rmse[w][model]["all"]) for w in windows)
-    return table(cells, f"error [rad] after {'; '.join(windows)} s")
+    return f"Error [rad] after {'; '.join(windows)} s:\n\n{table(cells, '')}"
 
 
 def outcomes(runs: Iterable[Record]) -> str:
