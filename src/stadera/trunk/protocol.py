@@ -193,7 +193,7 @@ class StepEstimator(ABC):
         """Doubtful: nobody has evaluated this estimator's fit."""
         if self.estimate().status is Status.WAITING:
             return Trust("doubtful", np.nan, {}, ("too few samples yet for an estimate",))
-        return Trust("doubtful", np.nan, {}, ("weighed by an own estimator, whose fit is not evaluated",))
+        return Trust("doubtful", np.nan, {}, ("the fit of this estimator is not evaluated",))
 
 
 class OwnEstimator(StepEstimator):
