@@ -110,7 +110,10 @@ class LoadChanges:
         begun = history.recent[-blocks].time - self._settings.block
         known = history.begin_load(blocks, errors.mean)
         rival = self._rival or _Rival(now, known, known.before, self._ended, self._changing)
-        self._rival = replace(rival, since=history.current)
+        since = history.oldest
+        for rows in history.recent:  # as the robot seems to be: what friction holds is part of a push
+            since = since.add(replace(rows, hidden=None))
+        self._rival = replace(rival, since=since)
         self.ended = (known.loaded or known.before,)
         if jump.reported:
             if self._changing is not None:
