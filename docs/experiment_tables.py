@@ -25,7 +25,7 @@ from stadera.report.numbers import short
 
 FOLDER = Path(__file__).parent
 REPLAYS = ("replay_go2", "replay_go2_commands", "replay_aliengo", "replay_aliengo_commands")
-STUDIES = ("reality_table", "ablation", "mini_cheetah", "faults", "humanoids", "identified")
+STUDIES = ("reality_table", "ablation", "mini_cheetah", "faults", "humanoids", "identified", "alarms")
 PAGES = sorted((FOLDER / "validation").glob("*.md"))
 RESULTS = FOLDER / "results"
 Record = dict[str, Any]
@@ -160,6 +160,8 @@ def tables(name: str, records: list[Record]) -> Iterator[str]:
         yield crossed(records, case("metric"), lambda _: "ten walks, two in the air", "")
     elif name == "identified":
         yield whole_robots(records)
+    elif name == "alarms":
+        yield crossed(records, case("errors", "motion"), case("metric"), "errors, motion")
     elif name == "humanoids":
         yield crossed(records, case("load", "errors"), case("metric"), "load, errors")
     elif name == "faults":
