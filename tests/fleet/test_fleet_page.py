@@ -11,6 +11,7 @@ import pytest
 from stadera.fleet.departures import by_robot, series_of
 from stadera.fleet.run import page_path
 from stadera.fleet.table import COLUMNS, FleetTable
+from stadera.report.fleet import figure
 from stadera.report.table import Shown
 from stadera.results import json_text
 
@@ -143,3 +144,22 @@ def test_logs_are_in_order_of_their_stamps_if_they_have_the_time_of_day() -> Non
     relative = tuple(row | {"begin": row["begin"] and 0.0} for row in shuffled.rows)
     assert by_robot(relative)["unit0"] == list(relative)
     assert len(next(series_of(shuffled)).value) == 5
+
+
+@pytest.mark.parametrize(
+    ("logs", "since", "step", "title"),
+    [
+        (3, 0.0, 1.0, "number of the log"),
+        (40, 0.0, 5.0, "number of the log"),
+        (3, 1.75e9, 1.0, "days since 2025-06-15 15:06"),
+    ],
+)
+def test_ticks_are_at_whole_logs_and_days(logs: int, since: float, step: float, title: str) -> None:
+    series = next(iter(series_of(fleet(2, logs, since=since))))
+    (panel,) = figure(series, [], {}).panels
+    assert (panel.x.step, panel.x.title) == (step, title)
+
+
+def test_a_log_without_a_figure_keeps_its_number() -> None:
+    series = next(iter(series_of(fleet(1, 8, since=0.0))))
+    assert series.numbers.tolist() == [1, 2, 3, 4, 6, 7, 8]
