@@ -31,12 +31,14 @@ def other_hyq(seed: int = 3) -> Robot:
 
 
 def parameters_of(robot: Robot, columns: tuple[str, ...]) -> dict[str, float]:
-    """The robot's own values of columns."""
+    """The robot's own values of columns; friction of a model does not vary."""
     out = {}
     for column in columns:
         owner, term = column.rsplit(".", 1)
         out[column] = (
-            robot.inertias[owner].to_dict()[term] if owner in robot.inertias else getattr(robot.dynamics[owner], term)
+            robot.inertias[owner].to_dict()[term]
+            if owner in robot.inertias
+            else getattr(robot.dynamics[owner], term, 0.0)
         )
     return out
 

@@ -84,6 +84,19 @@ def test_a_few_seconds_of_noisy_torques_tell_no_lag(seed: int, effort: float) ->
     assert found(recording) == pytest.approx(0.0, abs=1e-3)
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_the_lags_bar_holds_where_friction_is_not_the_models(seed: int) -> None:
+    """Friction that varies with position by a third moves each joint's minimum by milliseconds; noise does not."""
+    recording = run(DRIVE, duration=10.0, rate=200.0, seed=seed)
+    rate = np.gradient(recording.position, recording.time, axis=0)
+    more = 0.4 * np.sin(3.0 * recording.position + np.arange(3)) * np.tanh(rate / 0.02)
+    log = noisy(late(replace(recording, effort=recording.effort + more), 0.004), 0.2, position=1e-4)
+    stretches = list(preprocess_stream([log], Preprocessing(25.0), log.joints))
+    lag, std, _ = estimate_lag(stretches, [leg()], UP)
+    assert abs(lag - 0.004) < 3.0 * std
+    assert std < LagSettings().usual
+
+
 def test_bars_hold_with_torques_of_another_scale_and_a_lag_too_small_to_be_taken() -> None:
     """Neither shows in a log: 5 % of all torques, and 2 ms below a resolution of 3."""
     ignored = SignalSettings(lag=LagSettings(resolution=0.003))

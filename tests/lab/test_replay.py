@@ -72,11 +72,12 @@ def test_models_are_those_of_an_identification(tmp_path: Path) -> None:
     result = identify(hyq(), run(), IdentifySettings(legs=("RH",)))
     result.save_json(tmp_path / "legs.json")
     models, lag = replayed_models(str(tmp_path / "legs.json"), "hyq")
-    assert [model.name for model in models] == ["identified", "CAD with friction", "CAD"]
+    names = ["identified", "identified, constant friction", "CAD with friction", "CAD"]
+    assert [model.name for model in models] == names
     assert lag == result.torque_lag
     joint = result.legs[0].leg.joints[1]
     assert models[0].robot.dynamics[joint].coulomb == pytest.approx(result.identified_robot().dynamics[joint].coulomb)
-    assert models[1].robot.dynamics[joint].coulomb == pytest.approx(result.legs[0].friction_only[f"{joint}.coulomb"])
+    assert models[2].robot.dynamics[joint].coulomb == pytest.approx(result.legs[0].friction_only[f"{joint}.coulomb"])
     rolled = replay(run(), models, settings=SHORT)
     assert rolled.overall("identified", 0.5) < 0.8 * rolled.overall("CAD with friction", 0.5)
     value = json.loads(json.dumps(rolled.to_dict(), allow_nan=False))

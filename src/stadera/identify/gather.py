@@ -309,7 +309,7 @@ class Gathered:
 
 
 def with_varying_friction(job: Job, training: Part) -> Job:
-    """The job with the terms by which the joints' friction varies, where the training part shows that it does."""
+    """The job with the terms by which the joints' friction varies, and its travel where the training part shows one."""
     asked, width = job.settings.varying, job.settings.width
     if asked is None:
         return job
@@ -321,8 +321,10 @@ def with_varying_friction(job: Job, training: Part) -> Job:
         found = varying_friction(rows, joints, tried.prior, task.fixed, asked)
         tasks.append(task.with_varying(job.robot, found, width))
         notes += [
-            f"friction of {joint} {f.words}: held-out torque error times {max(f.ratio):.2f}"
+            f"friction of {joint} builds up over {1e3 * f.travel:.2g} mrad of travel after a reversal: held-out torque "
+            f"error times {max(f.ratio):.2f}"
             for joint, f in found.items()
+            if f.travel
         ]
     return replace(job, tasks=tuple(tasks), notes=(*job.notes, *notes))
 

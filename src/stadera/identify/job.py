@@ -16,6 +16,7 @@ from stadera.identify.log import Log, Part, Section, has_effort, head, time_span
 from stadera.identify.prior import Prior, PriorWidth, robot_prior
 from stadera.identify.settings import IdentifySettings
 from stadera.identify.varying import VaryingFriction, columns_of, with_varying
+from stadera.information import Information
 from stadera.logs.filters import highest_cutoff, suggest_cutoff
 from stadera.logs.processing import Preprocessing, preprocess_stream
 from stadera.logs.recording import Recording, take
@@ -120,7 +121,15 @@ class LegTask:
     @property
     def constant(self) -> LegTask:
         """The task with constant friction, acting in the direction of sliding."""
-        return replace(self, varying={})
+        kept = len(self.prior.columns) - len(columns_of(self.varying))
+        return replace(self, varying={}, prior=self.prior.first(kept))
+
+    def lasting(self, information: Information) -> Information:
+        """Information on links and drives alone, in units of its noise: how friction varies is left to its prior."""
+        names = columns_of(self.varying)
+        width = [self.prior.scales[self.prior.columns.index(name)] for name in names]
+        before = Rows(names, np.diag(1.0 / np.array(width)), np.zeros(len(names)))
+        return information.merge(Information.of([before], names)).marginal(self.constant.prior.columns)
 
     @cached_property
     def rigid(self) -> dict[str, float]:
@@ -182,11 +191,11 @@ def prepare(robot: Robot, logs: Sequence[Log], settings: IdentifySettings, progr
     joints = joints_of(robot, legs)
     cutoff, rows_cutoff = _cutoffs(beginnings, joints, settings)
     vertical = vertical_of(beginnings[0], robot, settings.up)
-    lag = settings.torque_lag
+    lag, lag_std = settings.torque_lag, 0.0
     notes: tuple[str, ...] = ()
     if lag is None:
         progress("estimating the torque lag", 0, 1)
-        lag, notes = _estimated_lag(robot, beginnings, tasks, vertical, cutoff, settings)
+        lag, lag_std, notes = _estimated_lag(robot, beginnings, tasks, vertical, cutoff, settings)
         progress("estimating the torque lag", 1, 1)
     if rows_cutoff is not None:
         notes += (f"equations filtered at {rows_cutoff:g} Hz, thinned to twice that",)
@@ -205,7 +214,7 @@ def prepare(robot: Robot, logs: Sequence[Log], settings: IdentifySettings, progr
         notes=notes,
         doubts=tuple(dict.fromkeys(doubt for beginning in beginnings for doubt in beginning.doubts)),
         progress=progress,
-        lag_std=settings.signals.lag.remains if settings.torque_lag is None else 0.0,
+        lag_std=lag_std,
     )
 
 
@@ -304,8 +313,10 @@ def _estimated_lag(
     vertical: TrunkUp,
     cutoff: float | None,
     asked: IdentifySettings,
-) -> tuple[float, tuple[str, ...]]:
-    """The lag [s] and a note on it, from unfiltered signals if the job does not filter, else at a separate cut-off."""
+) -> tuple[float, float, tuple[str, ...]]:
+    """The lag [s], its standard deviation and a note on it, from unfiltered signals if the job does not filter, else at
+    a separate cut-off.
+    """
     recordings = [take(r, slice(0, max(2, round(asked.split * len(r))))) for r in beginnings]
     if cutoff is not None:
         cutoff = min(asked.signals.lag_cutoff, *(highest_cutoff(r) for r in recordings))
@@ -313,11 +324,12 @@ def _estimated_lag(
     stretches = [p for r in recordings for p in preprocess_stream([r], Preprocessing(cutoff), joints) if len(p)]
     search = asked.signals.lag
     legs = [(task.regressor, robot_prior(robot, task.regressor.columns, asked.width)) for task in tasks]
-    lag, ratio = estimate_lag(stretches, legs, vertical.up, search)
+    lag, std, ratio = estimate_lag(stretches, legs, vertical.up, search)
+    std = float(np.hypot(std, search.remains))
     if min(abs(lag - search.earliest), abs(lag - search.latest)) < search.step / 2:
-        return lag, (f"torque lag at the end of the search, {1e3 * lag:.1f} ms: look at the stamps of the log",)
+        return lag, std, (f"torque lag at the end of the search, {1e3 * lag:.1f} ms: look at the stamps of the log",)
     fall = f"it lowers the residuals' variance by {100 * (1 - ratio):.0f} %"
-    return lag, (f"torque lag estimated at {1e3 * lag:.1f} ms; {fall}",) if lag else ()
+    return lag, std, (f"torque lag estimated at {1e3 * lag:.1f} ms ± {1e3 * std:.1f}; {fall}",) if lag else ()
 
 
 def parts_of(job: Job, logs: Sequence[Log], validation: Sequence[Log] | None) -> tuple[Part, Part | None, str | None]:

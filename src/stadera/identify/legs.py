@@ -326,6 +326,7 @@ def _leg_result(
     job: Job, task: LegTask, data: Gathered, estimate: Estimate, null_space: Estimate, scores: Mapping[str, LegScore]
 ) -> LegIdentification:
     structure = structural_observability(task, job.trunk)
+    lasting = structural_observability(task.constant, job.trunk).combinations()
     part = scores.get("validation", scores["training"])
     evaluated = part.excess() if part.samples else {}
     result = LegIdentification(
@@ -334,12 +335,12 @@ def _leg_result(
         estimate=estimate,
         null_space=null_space,
         friction_only=data.friction_only,
-        combinations=tuple(_known(found, estimate) for found in structure.combinations()),
+        combinations=tuple(_known(found, estimate) for found in lasting),
         structural_rank=structure.rank,
         noise=data.noise,
         rmse={part: score.rmse for part, score in scores.items() if score.samples},
         traces=tuple(score.trace(part) for part, score in scores.items()),
-        information=data.whitened(task.fixed),
+        information=task.lasting(data.whitened(task.fixed)),
         varying=task.varying,
         worse=tuple(name for name, excess in evaluated.items() if excess > job.settings.trust.worse),
     )

@@ -14,7 +14,7 @@ a narrower prior than the rest of D, without losing the invariance.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -46,7 +46,7 @@ class PriorWidth:
     armature: float = 1.0  # of rotor inertias, relative to the leg's mass at half its length
     # by which Coulomb friction varies with position, relative to the same torque: about as large as friction itself
     varying: float = 0.02
-    load: float = 0.1  # of the share of the carried torque that friction takes
+    load: float = ModelErrors.load_friction  # of the share of the carried torque that friction takes
     # of the torques' scale, which no log shows: a joint's own, and that of all together (`stadera.trunk.ModelErrors`)
     gain: float = float(np.hypot(ModelErrors.gain, ModelErrors.common_gain))
 
@@ -74,6 +74,10 @@ class Prior:
     def mass_coordinates(self) -> dict[str, int]:
         """For each link, the index of the x that is the relative change of its mass."""
         return {link: self.block(link).start + _MASS_COORDINATE for link in self.links}
+
+    def first(self, n: int) -> Prior:
+        """The prior on the first n parameters alone, which end with a link or joint term."""
+        return replace(self, columns=self.columns[:n], values=self.values[:n], root=self.root[:n, :n])
 
     def block(self, link: str) -> slice:
         """Index range of a link's ten parameters (and of its ten x)."""

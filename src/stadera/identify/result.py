@@ -271,12 +271,19 @@ class Identification(Result):
         write_columns(self.draws(count, seed), path)
 
     def friction_notes(self) -> tuple[str, ...]:
-        """How friction varies, which no format of models can hold; one sentence for each joint where it does."""
+        """How friction varies by more than two standard deviations, which no format of models can hold; one sentence
+        for each joint where it does.
+        """
+        found: dict[str, dict[str, Quantity]] = {joint: {} for leg in self.legs for joint in leg.varying}
+        for name, q in (item for leg in self.legs for item in leg.parameters.items()):
+            joint, _, term = name.rpartition(".")
+            if term in _VARIES and q.std is not None and abs(q.value) > 2.0 * q.std:
+                found[joint][term] = q
         notes = []
-        for joint, law, parameters in ((j, law, leg.parameters) for leg in self.legs for j, law in leg.varying.items()):
-            found = {name: parameters.get(f"{joint}.{name}") for name in (*VARYING_UNITS, "presliding")}
-            values = ", ".join(f"{n} {q.value:.4g} +- {q.std or 0.0:.2g} {q.unit}" for n, q in found.items() if q)
-            notes.append(f"Friction of {joint} {law.words}, for which this format has no place: {values}.")
+        for joint, terms in found.items():
+            how = " and ".join(dict.fromkeys(_VARIES[term] for term in terms))
+            values = ", ".join(f"{term} {q.value:.4g} +- {q.std:.2g} {q.unit}" for term, q in terms.items())
+            notes += [f"Friction of {joint} {how}, for which this format has no place: {values}."] if terms else []
         return tuple(notes)
 
     def unmeasured(self) -> tuple[str, ...]:
@@ -325,6 +332,8 @@ def _unmeasured(leg: LegIdentification) -> str:
     return listed and f"{why}: {listed}."
 
 
+_VARIES = dict.fromkeys(("coulomb_cos", "coulomb_sin"), "varies with position")
+_VARIES |= {"coulomb_load": "grows with the load", "presliding": "builds up after a reversal"}
 _UNITS = dict(zip(ORDER, UNITS, strict=True)) | FRICTION_UNITS | VARYING_UNITS
 
 

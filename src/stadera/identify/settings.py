@@ -56,7 +56,7 @@ class LagSettings:
     latest: float = 0.040
     usual: float = 0.015  # standard deviation of lags before the log tells [s]: those real ones
     step: float = 0.0025  # of the search [s]; a parabola interpolates the lag between steps
-    noticeable: float = 0.01  # relative decrease of the residual's variance below which a lag is not significant [1]
+    significant: float = 2.0  # standard deviations below which a lag is not significant [1]
     resolution: float = 5e-4  # smaller lags are ignored [s], since deviations of friction from its model can cause them
     sliding: float = 0.1  # velocity above which a joint slides [rad/s]
     # standard deviation of what remains of the lag [s], which each part of a log tells besides: halves of the real Go2,
@@ -65,7 +65,7 @@ class LagSettings:
 
     def __post_init__(self) -> None:
         require_positive(
-            "lag setting", self, ("latest", "usual", "step", "noticeable", "resolution", "sliding", "remains")
+            "lag setting", self, ("latest", "usual", "step", "significant", "resolution", "sliding", "remains")
         )
         if not -1.0 <= self.earliest <= 0.0:
             raise IdentificationError(f"lag setting 'earliest' lies between -1 and 0 s, got {self.earliest}")

@@ -22,6 +22,7 @@ from scipy.special import chdtri
 from stadera.constants import NOTHING
 from stadera.identify.gather import Gathered, LegScore
 from stadera.identify.job import Job, LegTask, TrunkUp
+from stadera.identify.observability import observability
 from stadera.identify.result import LegIdentification
 from stadera.identify.settings import TrustSettings
 from stadera.identify.solutions import Estimate
@@ -71,6 +72,19 @@ class _LegFit:
     def misfits(self) -> dict[str, float]:
         return {joint: (self.data.noise[joint] / std) ** 2 for joint, std in self.stated.items()}
 
+    @property
+    def rank(self) -> int:
+        """Number of directions of links and drives that the data determine."""
+        known = self.task.lasting(self.data.whitened(self.task.fixed))
+        return observability(known, self.task.constant.prior).rank
+
+    @property
+    def distance(self) -> float:
+        """|x|² of links and drives, from the model's values."""
+        prior = self.task.constant.prior
+        x = np.linalg.solve(prior.root, self.estimate.values[: len(prior.values)] - prior.values)
+        return float(x @ x)
+
     def reversed(self, gain: float) -> Iterator[str]:
         """Yields the joints whose torque the model explains far better with the sign reversed."""
         joints = self.task.leg.joints
@@ -113,8 +127,12 @@ def _far(fits: Sequence[_LegFit], chance: float) -> Iterator[str]:
     """Yields a reason if all legs together are further from the model than the prior allows."""
     if any(fit.estimate.method != "consistent" for fit in fits):
         return
-    steps = [np.linalg.solve(f.task.prior.root, f.estimate.values - f.task.prior.values) for f in fits]
-    distance, rank = sum(float(x @ x) for x in steps), sum(f.estimate.observability.rank for f in fits)
+    priors = [f.task.constant.prior for f in fits]
+    steps = [
+        np.linalg.solve(p.root, f.estimate.values[: len(p.values)] - p.values)
+        for f, p in zip(fits, priors, strict=True)
+    ]
+    distance, rank = sum(float(x @ x) for x in steps), sum(f.rank for f in fits)
     if distance > chdtri(max(rank, 1), chance):
         yield (
             f"the values are {np.sqrt(distance / max(rank, 1)):.2g} times as far from the model's as usual: look at "

@@ -1,22 +1,25 @@
-"""Coulomb friction that varies with the joint's position, with the torque it carries, and after a reversal, where a log
-shows it.
+"""Coulomb friction that varies with the joint's position, with the torque it carries, and after a reversal.
 
-    (τ_c + a (cos q - c̄) + b (sin q - s̄) + μ (|h| - h̄)) d
+    (τ_c + a (cos q - c̄) + b (sin q - s̄) + μ |h|) d
 
 in place of τ_c s(q̇), with h the torque of the links at the model's values: the measured torque has noise, and friction
-itself, in it. With c̄, s̄, h̄ the means over the sliding samples τ_c is the mean friction, which is what model files hold.
-On a real Go2 the hind calves' residual falls by half with a and b: gears that are not round, cables that bend. d is the
-direction s(q̇) of sliding, or with presliding the Dahl state (`stadera.body.friction`): what lies behind the give of
-gear and belt slips only after that has been wound up over the travel x_s. The Dahl state starts anew with each chunk of
-a log, and forgets its start within a few x_s.
+itself, in it. With c̄, s̄ the means over the sliding samples, τ_c is the mean friction, over the positions of the log, of
+a drive without load. That is the same quantity in the air and under load (`stadera.trunk.swing`), and so in any log.
+d is the direction s(q̇) of sliding, or with presliding the Dahl state (`stadera.body.friction`): what lies behind the
+give of gear and belt slips only after that has been wound up over the travel x_s. The Dahl state starts anew with each
+chunk of a log, and forgets its start within a few x_s.
 
-Which terms a joint has is chosen by predicting torques that they were not fitted to. A term is taken only if it
+a, b and μ are unknowns of every joint whose Coulomb friction is, with a prior of zero mean (`PriorWidth`). Where a log
+does not tell them apart from τ_c, they are in its bar: friction of a few per cent of the torque is a quarter of τ_c of
+a drive that runs easily. On a real Go2's hind calves a and b halve the residual: gears that are not round, cables that
+bend.
+
+Whether a joint has presliding is chosen by predicting torques that it was not fitted to. It is taken only if it
 predicts better in two ways: every other block of 1.5 s from the others, and each half of the training part from the
-other. The fits are regularised by the prior, as the solution itself is. The term that helps most is taken first, and
-the next one is compared with what is taken. The travel x_s of presliding is the vertex of the held-out error of blocks
-over log x_s; its standard deviation is that of the vertex with one block left out at a time (jackknife). The shortest
-and the longest travel tried only bracket it: friction that is merely sharper than the smoothed sign of a filtered
-velocity, with no travel of its own, is predicted best by the shortest.
+other. The fits are regularised by the prior, as the solution itself is. The travel x_s is the vertex of the held-out
+error of blocks over log x_s; its standard deviation is that of the vertex with one block left out at a time
+(jackknife). The shortest and the longest travel tried only bracket it: friction that is merely sharper than the
+smoothed sign of a filtered velocity, with no travel of its own, is predicted best by the shortest.
 """
 
 from __future__ import annotations
@@ -41,22 +44,15 @@ VARYING_UNITS: dict[str, str] = {"coulomb_cos": "N·m", "coulomb_sin": "N·m", "
 
 @dataclass(frozen=True)
 class VaryingFriction:
-    """Terms by which one joint's friction varies."""
+    """How one joint's friction varies, besides the values of a, b and μ."""
 
-    centres: Mapping[str, float]  # mean of cos q [1], sin q [1] or |h| [N·m], by term
+    centres: Mapping[str, float]  # by term, what is subtracted from cos q [1], sin q [1] and |h| [N·m]
     travel: float = 0.0  # x_s [rad] over which friction builds up after a reversal; zero if it acts at once
     travel_std: float = np.nan  # of its error [rad]
     # more travels, whose columns are added to compare them, named `<joint>.<term>@1` and so on
     tried: tuple[float, ...] = ()
-    ratio: tuple[float, float] = (1.0, 1.0)  # held-out RMSE with the terms over that without, of blocks and of halves
-
-    @property
-    def words(self) -> str:
-        """How friction varies, without a subject."""
-        by = ["position"] * ("coulomb_cos" in self.centres) + ["load"] * ("coulomb_load" in self.centres)
-        varies = [f"varies with {' and '.join(by)}"] * bool(by)
-        built = f"builds up over {1e3 * self.travel:.2g} mrad of travel after a reversal"
-        return " and ".join((*varies, *([built] if self.travel else [])))
+    # held-out RMSE with the travel over that without, of blocks and of halves
+    ratio: tuple[float, float] = (1.0, 1.0)
 
 
 def with_varying(
@@ -65,9 +61,8 @@ def with_varying(
     """One joint's rows with friction that varies; position and velocity are the joint's (samples,), `rigid` the
     parameters of the links.
     """
-    found = {"coulomb_cos": np.cos(position), "coulomb_sin": np.sin(position)}
-    if "coulomb_load" in varying.centres:
-        found["coulomb_load"] = np.abs(rows.predict(np.array([rigid.get(c, 0.0) for c in rows.columns])))
+    load = np.abs(rows.predict(np.array([rigid.get(c, 0.0) for c in rows.columns])))
+    found = dict(zip(VARYING_UNITS, (np.cos(position), np.sin(position), load), strict=True))
     factors = [found[term] - centre for term, centre in varying.centres.items()]
     n, kept = len(rows.columns), rows.reduced.shape[1]
     old = np.eye(n) if rows.mixing is None else rows.mixing
@@ -93,19 +88,14 @@ def columns_of(varying: Mapping[str, VaryingFriction]) -> tuple[str, ...]:
     return tuple(chain.from_iterable((f"{joint}.{term}" for term in v.centres) for joint, v in varying.items()))
 
 
-_POSITION, _LOAD = ("coulomb_cos", "coulomb_sin"), ("coulomb_load",)
-
-
 @dataclass(frozen=True)
 class VaryingSettings:
-    """When Coulomb friction is taken to vary."""
+    """When friction is taken to build up after a reversal."""
 
     block: float = 1.5  # length of the blocks fitted and predicted alternately [s]
-    gain: float = 0.02  # least relative fall of the held-out error by position, in both ways [1]
-    # the same by load, which a link's wrong mass resembles: on a real Aliengo in the air 9 % did not last
-    load_gain: float = 0.1
-    # the same by presliding: with a real Go2 and Aliengo, falls of 6 to 10 % in the slower half of a log were rises of
-    # up to 6 % in the faster half; falls of more lasted, and so the other way round
+    # least relative fall of the held-out error, in both ways [1]: with a real Go2 and Aliengo, falls of 6 to 10 % in
+    # the slower half of a log were rises of up to 6 % in the faster half; falls of more lasted, and so the other way
+    # round
     presliding_gain: float = 0.12
     least: float = 1e-3  # least fall of it as a share of the torque's root mean square [1]
     longest: float = 300.0  # length of the training part that is used [s]
@@ -125,14 +115,6 @@ class VaryingSettings:
         return VaryingFriction(dict.fromkeys(VARYING_UNITS, 0.0), tried=self.travels)
 
 
-@dataclass(frozen=True)
-class _Law:
-    """Terms of a friction law; `at` is its travel's place among those tried, from 1, or 0 for friction at once."""
-
-    terms: tuple[str, ...] = ()
-    at: int = 0
-
-
 def varying_friction(
     chunks: Iterable[tuple[Array, tuple[Rows, ...]]],
     joints: Sequence[str],
@@ -140,16 +122,16 @@ def varying_friction(
     fixed: Mapping[str, float],
     settings: VaryingSettings,
 ) -> dict[str, VaryingFriction]:
-    """The joints whose friction varies, from time [s] and rows of each joint with all terms (`VaryingSettings.tried`).
+    """How friction varies, by joint with Coulomb friction, from time [s] and rows of each joint with all terms
+    (`VaryingSettings.tried`).
 
     `prior` is that of all parameters but the `fixed` ones, the varying terms among them.
     """
     blocks = list(_blocks(chunks, settings))
     out: dict[str, VaryingFriction] = {}
     for k, joint in enumerate(joints):
-        if f"{joint}.coulomb" in prior.columns and len(blocks) >= 4:
-            found = _chosen(_Evidence.of(joint, [block[k] for block in blocks], prior, fixed), settings)
-            out |= {} if found is None else {joint: found}
+        if blocks and f"{joint}.coulomb" in prior.columns:
+            out[joint] = _chosen(_Evidence.of(joint, [block[k] for block in blocks], prior, fixed), settings)
     return out
 
 
@@ -214,22 +196,24 @@ class _Evidence:
     def place(self, term: str, at: int = 0) -> int:
         return self.whole.names.index(f"{self.joint}.{term}@{at}" if at else f"{self.joint}.{term}")
 
-    def _columns(self, law: _Law) -> tuple[list[int], Array]:
-        """The parameters of a law, and how all columns follow from them, (columns, parameters)."""
-        names, acting = self.whole.names, ("coulomb", *law.terms)
-        of_friction = {f"{self.joint}.{term}" for term in ("coulomb", *VARYING_UNITS)}
-        taken = {self.place(term) for term in acting}
-        kept = [k for k, name in enumerate(names) if k in taken or name.partition("@")[0] not in of_friction]
-        spread = np.zeros((len(names), len(kept)))
+    def _columns(self, at: int) -> tuple[list[int], Array]:
+        """The parameters with a travel, and how all columns follow from them, (columns, parameters)."""
+        terms = ("coulomb", *VARYING_UNITS)
+        kept = [k for k, name in enumerate(self.whole.names) if "@" not in name]
+        spread = np.zeros((len(self.whole.names), len(kept)))
         spread[kept, range(len(kept))] = 1.0
-        for term in acting if law.at else ():
+        for term in terms if at else ():
             column = kept.index(self.place(term))
-            spread[kept[column], column], spread[self.place(term, law.at), column] = 0.0, 1.0
+            spread[kept[column], column], spread[self.place(term, at), column] = 0.0, 1.0
         return kept, spread
 
-    def errors(self, law: _Law) -> Array:
-        """Squared residuals of blocks predicted from others, (ways, blocks) [N²·m²]: alternate blocks, and halves."""
-        kept, spread = self._columns(law)
+    def errors(self, at: int) -> Array:
+        """Squared residuals of blocks predicted from others, (ways, blocks) [N²·m²]: alternate blocks, and halves.
+
+        Args:
+            at: the travel's place among those tried, from 1, or 0 for friction that acts at once.
+        """
+        kept, spread = self._columns(at)
         sizes = np.sqrt(np.diag(self.covariance)[kept])
         ridge = (
             np.linalg.cholesky(np.linalg.inv(self.covariance[np.ix_(kept, kept)] / np.outer(sizes, sizes))).T / sizes
@@ -244,56 +228,34 @@ class _Evidence:
         return out
 
 
-def _chosen(evidence: _Evidence, settings: VaryingSettings) -> VaryingFriction | None:
-    """The law that predicts best of those whose every term helps; None if no term does."""
-
-    def root(law: _Law) -> Array:
-        return np.asarray(np.sqrt(evidence.errors(law).sum(axis=1)))
-
-    def bracketed(law: _Law, error: float) -> bool:
-        """False if a travel at the end of those tried, or next to it, predicts better: then it is not a travel."""
-        if not 1 < law.at < len(settings.travels):
-            return not law.at
-        return all(root(replace(law, at=law.at + step))[0] >= error for step in (-1, 1))
-
-    least = settings.least * np.sqrt(evidence.whole.residual_squared(np.zeros(len(evidence.whole))))
-    law = _Law()
-    plain = best = root(law)
-    while True:
-        found = []
-        for candidate, gain in _more(law, settings):
-            errors = root(candidate)
-            helps = (best - errors > np.maximum(gain * best, least)).all()
-            if helps and (candidate.at == law.at or bracketed(candidate, errors[0])):
-                found.append((float(np.sum(np.log(errors / best))), candidate, errors))
-        if not found:
-            break
-        _, law, best = min(found, key=lambda each: each[0])
-    if law == _Law():
-        return None
+def _chosen(evidence: _Evidence, settings: VaryingSettings) -> VaryingFriction:
+    """The joint's law, with the travel that predicts best if it predicts better than none."""
     R, slides = evidence.whole.R, evidence.whole.R[:, evidence.place("coulomb")]
-    centres = {term: float(slides @ R[:, evidence.place(term)] / (slides @ slides)) for term in law.terms}
-    ratio = (float(best[0] / plain[0]), float(best[1] / plain[1]))
-    travel, std = _travel(evidence, law, settings) if law.at else (0.0, np.nan)
-    return VaryingFriction(centres, travel, std, ratio=ratio)
+    sliding = max(float(slides @ slides), 1e-300)
+    means = {term: float(slides @ R[:, evidence.place(term)]) / sliding for term in VARYING_UNITS}
+    at_once = VaryingFriction(means | {"coulomb_load": 0.0})
+    if len(evidence.blocks) < 4:
+        return at_once
+    count = len(settings.travels)
+    errors = np.sqrt([evidence.errors(at).sum(axis=1) for at in range(count + 1)])
+    plain, built = errors[0], errors[1:]
+    least = settings.least * np.sqrt(evidence.whole.residual_squared(np.zeros(len(evidence.whole))))
+    best = int(np.argmin(np.log(built).sum(axis=1)))
+    # a travel at the end of those tried, or next to it, is not one if that one predicts better
+    bracketed = 0 < best < count - 1 and (built[[best - 1, best + 1], 0] >= built[best, 0]).all()
+    if not bracketed or (plain - built[best] <= np.maximum(settings.presliding_gain * plain, least)).any():
+        return at_once
+    travel, std = _travel(evidence, best + 1, settings)
+    ratio = built[best] / plain
+    return replace(at_once, travel=travel, travel_std=std, ratio=(float(ratio[0]), float(ratio[1])))
 
 
-def _more(law: _Law, settings: VaryingSettings) -> Iterator[tuple[_Law, float]]:
-    """Laws of one more term, and the gain that it needs."""
-    for terms, gain in ((_POSITION, settings.gain), (_LOAD, settings.load_gain)):
-        if terms[0] not in law.terms:
-            yield replace(law, terms=(*law.terms, *terms)), gain
-    if not law.at:
-        for at in range(1, len(settings.travels) + 1):
-            yield replace(law, at=at), settings.presliding_gain
-
-
-def _travel(evidence: _Evidence, law: _Law, settings: VaryingSettings) -> tuple[float, float]:
-    """The travel near a law's that predicts best, and its standard deviation [rad]."""
+def _travel(evidence: _Evidence, at: int, settings: VaryingSettings) -> tuple[float, float]:
+    """The travel near the one at a place that predicts best, and its standard deviation [rad]."""
     travels = np.log(settings.travels)
-    middle = min(max(law.at - 1, 1), len(travels) - 2)
+    middle = min(max(at - 1, 1), len(travels) - 2)
     near = slice(middle - 1, middle + 2)
-    errors = np.array([evidence.errors(replace(law, at=k + 1))[0] for k in range(len(travels))[near]])
+    errors = np.array([evidence.errors(k + 1)[0] for k in range(len(travels))[near]])
     whole = errors.sum(axis=1)
     vertices = np.array([_vertex(travels[near], whole - block) for block in errors.T])
     n = len(vertices)

@@ -166,7 +166,8 @@ class CutoffSettings:
     lowest_hz: float = 5.0
     stretch: float = 10.0  # length of the stretches whose spectra are averaged [s]; 10 s resolve 0.1 Hz
     noise_factor: float = 4.0  # multiple of the noise floor below which position power counts as noise
-    # probability that noise alone exceeds its floor by more in any bin: few spectra averaged scatter by more than that
+    # probability that noise alone exceeds its floor by more in any bin of any joint: few spectra averaged scatter by
+    # more than that, and one false bin near the end of the band makes a filter that passes all noise
     false_motion: float = 0.01
 
 
@@ -209,7 +210,7 @@ def _highest_motion(block: Block, rate_hz: float, settings: CutoffSettings) -> f
     frequency, power = signal.welch(block.values, rate_hz, nperseg=samples, axis=1)
     floor = np.median(power[:, frequency >= rate_hz / 4], axis=1, keepdims=True)
     freedom = 2 * max(1, len(block.time) // samples)
-    scatter = chdtri(freedom, settings.false_motion / len(frequency)) / chdtri(freedom, 0.5)
+    scatter = chdtri(freedom, settings.false_motion / power.size) / chdtri(freedom, 0.5)
     motion = (power > max(settings.noise_factor, scatter) * floor) & (frequency <= rate_hz / RATES_PER_CUTOFF)
     velocity_power: Array = np.where(motion, power - floor, 0.0) * (2 * np.pi * frequency) ** 2
     share = np.cumsum(velocity_power, axis=1)

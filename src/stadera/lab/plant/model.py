@@ -196,8 +196,8 @@ class DryFriction:
     load: Array  # (n,), share of the torque
 
     def at(self, position: Array, effort: Array) -> Array:
-        """Friction (n,) [N·m] at joint positions (n,) [rad] under torques (n,) [N·m]."""
-        last, joints = self.variation.shape[1] - 1, np.arange(len(position))
+        """Friction (..., n) [N·m] at joint positions (..., n) [rad] under torques (..., n) [N·m]."""
+        last, joints = self.variation.shape[1] - 1, np.arange(position.shape[-1])
         x = last * np.clip((position - self.low) / (self.high - self.low), 0.0, 1.0)
         before = np.minimum(x.astype(int), last - 1)
         share = x - before

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from stadera.constants import GRAVITY
 from stadera.lab.plant.sensors import STANDARD, effort_limits
 from stadera.lab.plant.world import TrueState
-from stadera.lab.reality.draw import DrawnRobot, DrawnVarying
+from stadera.lab.reality.draw import DrawnRobot
 from stadera.logs import Imu, Recording
 from stadera.robot.imu import ImuMount
 from stadera.robot.model import Robot
@@ -95,7 +95,7 @@ def measured_log(
     force = force + noise.accelerometer * rng.standard_normal((shape[0], 3))
     stamps = time[kept]
     if draw.varying is not None:
-        effort += _drift(stamps, draw.varying)[:, columns]
+        effort += offset_drift(stamps, draw.varying.drift, draw.varying.warming)[:, columns]
         for group, channels in {"joints": (position, velocity, effort), "imu": (gyro, force)}.items():
             held = np.arange(len(stamps)) // draw.varying.held.get(group, 1) * draw.varying.held.get(group, 1)
             for values in channels:
@@ -152,11 +152,13 @@ def _encoded(
     return encoded[kept], ((encoded - before) / (steps * period))[kept]
 
 
-def _drift(time: Array, varying: DrawnVarying) -> Array:
-    """Drift of the torque offsets (samples, n) [N·m] since the beginning: drives that warm up."""
+def offset_drift(time: Array, drift: Array, warming: float) -> Array:
+    """Drift of the torque offsets (samples, n) [N·m] since the beginning, up to `drift` (n,): drives that warm up with
+    `warming` time constants in a log.
+    """
     passed = (time - time[0]) / (time[-1] - time[0])
-    grown = np.expm1(-varying.warming * passed) / np.expm1(-varying.warming)
-    return np.asarray(grown[:, None] * varying.drift)
+    grown = np.expm1(-warming * passed) / np.expm1(-warming)
+    return np.asarray(grown[:, None] * drift)
 
 
 def _imu(motion: TrueMotion, robot: Robot, draw: DrawnRobot, kept: slice) -> Imu:
