@@ -198,12 +198,9 @@ def demo(
     check_outputs((report, json))
     check_report(report)
     with progress() as watch:
-
-        def follow(run: str, done: float, doing: str) -> None:
-            if watch:
-                watch(run, round(100 * done), 100, doing)
-
-        result = run_demo(DemoSettings(seed=seed, classic=classic), follow)
+        if watch:
+            watch("both walks", 0, 0)
+        result = run_demo(DemoSettings(seed=seed, classic=classic))
     write_outputs((report, page_of(lambda: demo_html(result))), (json, json_of(result.to_dict)))
     show(*demo_tables(result))
 

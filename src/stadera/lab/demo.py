@@ -6,11 +6,8 @@ planner: while walking or, as in the paper, at rest.
 """
 
 import multiprocessing
-import queue
-from collections.abc import Callable
-from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, fields
-from queue import Queue
 from typing import Any
 
 import numpy as np
@@ -105,12 +102,6 @@ def _weighed(supervisor: NonstopSupervisor | StoppingSupervisor | None) -> tuple
     return supervisor.estimate.value[:3], supervisor.estimate.std[:3]
 
 
-Progress = Callable[[str, float, str], None]
-"""Called with a run's name, its progress (0 to 1), and the robot's activity."""
-
-Message = tuple[str, float, str]
-
-
 @dataclass(frozen=True)
 class DemoSettings:
     """Settings of the demo."""
@@ -174,21 +165,29 @@ class DemoResult:
         }
 
 
-def run_demo(settings: DemoSettings | None = None, progress: Progress | None = None) -> DemoResult:
+def run_demo(settings: DemoSettings | None = None) -> DemoResult:
     """Makes both runs in parallel, in spawned processes: a script needs the usual `if __name__ == "__main__"`."""
-    settings, context = settings or DemoSettings(), multiprocessing.get_context("spawn")
-    with context.Manager() as manager, ProcessPoolExecutor(2, context) as pool:
-        messages = manager.Queue()
-        futures = [pool.submit(_run, settings, identified, messages) for identified in (False, True)]
-        _report(messages, futures, progress)
-        runs = [future.result() for future in futures]
+    settings = settings or DemoSettings()
+    with ProcessPoolExecutor(2, multiprocessing.get_context("spawn")) as pool:
+        runs = list(pool.map(_run, (settings, settings), (False, True)))
     for run in runs:
         if isinstance(run, str):
             raise StaderaError(run)
     return DemoResult(settings, *runs)  # type: ignore[arg-type]
 
 
-def one_run(settings: DemoSettings, identified: bool, progress: Progress | None = None) -> DemoRun:
+def _run(settings: DemoSettings, identified: bool) -> DemoRun | str:
+    """Makes the run; returns an error as text, since not every exception can be passed between processes."""
+    from threadpoolctl import threadpool_limits
+
+    with threadpool_limits(1):  # two runs, two cores
+        try:
+            return one_run(settings, identified)
+        except StaderaError as error:
+            return str(error)
+
+
+def one_run(settings: DemoSettings, identified: bool) -> DemoRun:
     """Makes one of the two runs in this process."""
     robot, with_it = load_robot(settings.robot), StoppingSupervisor if settings.classic else NonstopSupervisor
     case = LoadedWalkCase(
@@ -200,48 +199,14 @@ def one_run(settings: DemoSettings, identified: bool, progress: Progress | None 
         speed=settings.speed,
         seed=settings.seed,
     )
-    walk, camera, name, periods = LoadedWalk(case), Camera(), NAMES[identified], 0
-
-    def watch(walk: LoadedWalk) -> None:
-        nonlocal periods
-        camera.look(walk)
-        if progress and periods % 100 == 0:
-            doing = str(walk.crawl.phase if walk.supervisor is None else walk.supervisor.state)
-            progress(name, walk.bed.plant.time / settings.duration, doing)
-        periods += 1
-
-    outcome = walk.run(watch)
+    walk, camera = LoadedWalk(case), Camera()
+    outcome = walk.run(camera.look)
     if outcome.trace.outcome is WalkOutcome.FELL:
         walk.give_up("it has fallen")
         for _ in range(round(settings.after_fall / walk.bed.plant.timestep)):
             walk.step()
             camera.look(walk)
-    if progress:
-        progress(name, 1.0, str(outcome.trace.outcome))
     return DemoRun(outcome, camera.film())
-
-
-def _run(settings: DemoSettings, identified: bool, messages: Queue[Message]) -> DemoRun | str:
-    """Makes the run; returns an error as text, since not every exception can be passed between processes."""
-    from threadpoolctl import threadpool_limits
-
-    with threadpool_limits(1):  # two runs, two cores
-        try:
-            return one_run(settings, identified, lambda *message: messages.put(message))
-        except StaderaError as error:
-            return str(error)
-
-
-def _report(messages: Queue[Message], futures: list[Future[DemoRun | str]], progress: Progress | None) -> None:
-    while True:
-        try:
-            message = messages.get(timeout=0.1)
-        except queue.Empty:
-            if all(future.done() for future in futures):
-                return
-            continue
-        if progress:
-            progress(*message)
 
 
 def _outcome(outcome: LoadedWalkOutcome) -> dict[str, Any]:

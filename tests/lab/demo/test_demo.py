@@ -199,7 +199,7 @@ def test_command(
     result: DemoResult, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(stadera.lab.demo, "run_demo", lambda settings, progress: result)
+    monkeypatch.setattr(stadera.lab.demo, "run_demo", lambda settings: result)
     with pytest.raises(SystemExit) as exit_info:
         main(["demo", "--json", "demo.json"])
     printed = capsys.readouterr()

@@ -1,25 +1,10 @@
 """Reproductions of the paper's tables and figures, and studies: each a file, its text in the TOML, a line here."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from importlib import import_module
 from types import MappingProxyType
 
 from stadera.errors import MissingExtraError, StaderaError, UnknownNameError
-from stadera.lab.experiments import (
-    alarms,
-    faults,
-    fig6,
-    humanoids,
-    identified,
-    inertial_share,
-    legs,
-    mini_cheetah,
-    reality,
-    table1,
-    table2,
-    table3,
-    table4,
-    table5,
-)
 from stadera.lab.experiments.legs import MissingDataError
 from stadera.lab.experiments.runner import Experiment, ExperimentResult, Record, ReproduceSettings, Skipped
 from stadera.types import Progress
@@ -38,22 +23,15 @@ __all__ = [
 
 ALL = "all"
 
-_EXPERIMENTS = (
-    table1.EXPERIMENT,
-    legs.FIG4,
-    legs.FIG5,
-    table2.EXPERIMENT,
-    fig6.EXPERIMENT,
-    table3.EXPERIMENT,
-    table4.EXPERIMENT,
-    inertial_share.EXPERIMENT,
-    table5.EXPERIMENT,
-    alarms.EXPERIMENT,
-    reality.EXPERIMENT,
-    faults.EXPERIMENT,
-    humanoids.EXPERIMENT,
-    identified.EXPERIMENT,
-    mini_cheetah.EXPERIMENT,
+_FILES = (  # in the order of the list
+    "table1 legs table2 fig6 table3 table4 inertial_share table5 alarms "
+    "reality faults humanoids identified mini_cheetah"
+)
+_EXPERIMENTS = tuple(
+    found
+    for name in _FILES.split()
+    for found in vars(import_module(f"{__name__}.{name}")).values()
+    if isinstance(found, Experiment)
 )
 EXPERIMENTS: Mapping[str, Experiment] = MappingProxyType({e.name: e for e in _EXPERIMENTS})
 
