@@ -105,31 +105,19 @@ def with_identified_legs(robot: Robot, path: str | PathLike[str], force: bool = 
     with foreign(path, "not the JSON of an identification or a weighing (--json)", ModelError):
         value = json.loads(path.read_text(encoding="utf-8"))
         links = {name: _body(entry) for name, entry in value["links"].items()}
-        joints = {
-            name: {t: _number(entry[t]) if t == "offset" else max(_number(entry[t]), 0.0) for t in _READ if t in entry}
-            for name, entry in value["joints"].items()
-        }
-        stds = {name: {t: entry.get(t, {}).get("std") for t in _READ} for name, entry in value["joints"].items()}
-        std = {
-            name: JointDynamics(**{t: nan if s is None else float(s) for t, s in terms.items()})
-            for name, terms in stds.items()
-        }
         if isinstance(trunk := value.get("trunk"), dict) and "name" in trunk:
             links[trunk["name"]] = _body(trunk)
-        trust = value.get("trust")
-        bad = trust is not None and trust["verdict"] == "bad"
-        distrust = str(next(iter(trust["reasons"]), "its fit is bad")) if bad else ""
+        joints = {name: _terms(entry) for name, entry in value["joints"].items()}
+        stds = {name: _stds(entry) for name, entry in value["joints"].items()}
+        distrust = _distrust(value.get("trust"))
     if distrust and not force:
         raise UntrustedError(
             f"{path}: legs not to be trusted ({distrust}); identify anew; `--force` takes them, the result is doubtful"
         )
-    for name, body in links.items():
-        if not body.is_physical():
-            raise ModelError(f"{path}: link {name!r} was identified as a body that cannot be")
-    robot = replace(robot.with_inertias(links), distrust=distrust)
-    return robot.with_dynamics(
-        {name: replace(robot.dynamics.get(name, JointDynamics()), **terms) for name, terms in joints.items()}, std
-    )
+    if (link := next((name for name, body in links.items() if not body.is_physical()), None)) is not None:
+        raise ModelError(f"{path}: link {link!r} was identified as a body that cannot be")
+    dynamics = {name: replace(robot.dynamics.get(name, JointDynamics()), **terms) for name, terms in joints.items()}
+    return replace(robot.with_inertias(links), distrust=distrust).with_dynamics(dynamics, stds)
 
 
 # -- writing ----------------------------------------------------------------------------------------------------------
@@ -210,6 +198,23 @@ def _body(entry: dict[str, Any]) -> InertialParameters:
     mass = _number(entry["mass"])
     moment = [mass * _number(component) for component in entry["com"]]
     return InertialParameters(np.array([mass, *moment, *(_number(entry["inertia"][name]) for name in _INERTIA)]))
+
+
+def _terms(entry: dict[str, Any]) -> dict[str, float]:
+    found = {term: _number(entry[term]) for term in _READ if term in entry}
+    return {term: value if term == "offset" else max(value, 0.0) for term, value in found.items()}
+
+
+def _stds(entry: dict[str, Any]) -> JointDynamics:
+    stds = {term: entry.get(term, {}).get("std") for term in _READ}
+    return JointDynamics(**{term: nan if std is None else float(std) for term, std in stds.items()})
+
+
+def _distrust(trust: dict[str, Any] | None) -> str:
+    """Why the identification is not to be trusted; empty if it is, or if it does not say."""
+    if trust is None or trust["verdict"] != "bad":
+        return ""
+    return str(next(iter(trust["reasons"]), "its fit is bad"))
 
 
 def _number(entry: dict[str, Any]) -> float:

@@ -86,18 +86,19 @@ def layout(
     if other := next((item for item in require if item not in (*CHANNELS, "imu")), None):
         raise UnknownNameError("channel", other, (*CHANNELS, "imu"))
     _check_header(names, source)
-    table = translated(names, source, reading, topics or Topics(), (*(joints or ()), *reading.others))
+    requested = tuple(joints or ())
+    table = translated(names, source, reading, topics or Topics(), (*requested, *reading.others))
     if topics is not None and not table.topics:
         topics.refuse(source, kind)
-    table = _with_names_of(joints or (), table)
+    table = _with_names_of(requested, table)
     header = _Header(table.sources, source, "" if table.recognised else hint(names, reading))
-    if TIME not in table.sources and table.rate_hz is None:
+    timed = TIME in table.sources
+    if not timed and table.rate_hz is None:
         raise header.missing(TIME, "not a flat table: ")
-    wanted, idle = (tuple(joints), ()) if joints is not None else header.joints()
+    wanted, idle = header.joints() if joints is None else (requested, ())
     channels, notes = header.channels(wanted, require, reading.pd)
     imu, imu_notes = header.imu("imu" in require)
-    others = () if joints is None else tuple(joint for joint in reading.others if joint not in joints)
-    more = tuple(joint for joint in others if f"{joint}.position" in table.sources)
+    others = () if joints is None else header.positioned(joint for joint in reading.others if joint not in requested)
     found = Layout(
         joints=wanted,
         channels=channels,
@@ -107,10 +108,10 @@ def layout(
         sources={name: own for name, own in table.sources.items() if own != name},
         factors=table.factors,
         stamped=table.stamped,
-        rate_hz=None if TIME in table.sources else table.rate_hz,
+        rate_hz=None if timed else table.rate_hz,
         pd=reading.pd,
-        others=header.complete(more, OTHER_CHANNELS),
-        other_joints=more,
+        others=header.complete(others, OTHER_CHANNELS),
+        other_joints=others,
     )
     kept_out = _kept_out(names, found, table.sources)
     return replace(found, notes=(*table.notes, *notes, *idle, *kept_out, *imu_notes))
@@ -214,6 +215,10 @@ class _Header:
             elif partial:
                 notes += (f"left out the joints' {channel}: no column {_listed(absent)}",)
         return found, notes
+
+    def positioned(self, joints: Iterable[str]) -> tuple[str, ...]:
+        """Those of the joints that have a position."""
+        return tuple(joint for joint in joints if f"{joint}.position" in self.names)
 
     def complete(self, joints: tuple[str, ...], channels: Iterable[str]) -> dict[str, tuple[str, ...]]:
         """Columns of the channels that all of these joints have."""

@@ -138,34 +138,40 @@ def _check_request(request: Request, log: CheckedLog, others: list[CheckedLog]) 
     """Checks that robot, method and options of a request suit each other and the logs. Raises RecordingError or
     IdentificationError.
     """
-    robot, name, at, source = request.robot, request.method, request.at, log.source
+    robot, at, source, method = request.robot, request.at, log.source, method_of(request.method)
     if at is not None and place_of(robot, at).body >= len(robot.tree.joints) and log.first.others is None:
         raise RecordingError(f"{source.source}: --at {at}: the log lacks the joints that carry it")
     if request.weight is not None:
         positive("a robot's weight on a scale", request.weight[0], "kg", IdentificationError)
-    method, both = method_of(name), (IN_MOTION, AT_REST)
-    limited = (
-        (request.watch, "only weighing in motion can be watched", both[:1]),
-        (request.weight, "a weight is used", both),
-        (request.known or request.memory, "a test weight and a memory are used", both),
-        (at, "a payload elsewhere than on the trunk is weighed in motion only", both[:1]),
-    )
-    for asked, what, by in limited:
-        if asked is not None and name not in by:
-            only = " or ".join(map(repr, by))
-            raise IdentificationError(f"{source.source}: {what}, by {only}; this log is weighed by {name!r}")
+    _check_options(request, source.source)
     if method.needs_imu:
         for each in [log] if method.at_rest else [log, *others]:
-            each.require_imu(name)
+            each.require_imu(request.method)
     topics = None if isinstance(source, Recording) else source.topics.imu
     for option, named in (("--imu-topic", topics), ("--imu-frame", log.imu_frame)):
         if named is not None and log.first.imu is None:
             raise RecordingError(f"{source.source}: {option} {named}: the log has no IMU that can be used")
     if (unfelt := [leg.name for leg in robot.legs if any(leg.unfelt)]) and method.at_rest:
         raise IdentificationError(
-            f"{source.source}: {name!r} weighs on feet whose contact their joints tell; those of {', '.join(unfelt)} "
-            f"are too few for a component of it, whose bound {IN_MOTION!r} knows, also at rest, in a log with an IMU"
+            f"{source.source}: {request.method!r} weighs on feet whose contact their joints tell; those of "
+            f"{', '.join(unfelt)} are too few for a component of it, whose bound {IN_MOTION!r} knows, also at rest, in "
+            f"a log with an IMU"
         )
+
+
+def _check_options(request: Request, source: str) -> None:
+    """Checks that the method uses all that the request has."""
+    both = (IN_MOTION, AT_REST)
+    limited = (
+        (request.watch, "only weighing in motion can be watched", both[:1]),
+        (request.weight, "a weight is used", both),
+        (request.known or request.memory, "a test weight and a memory are used", both),
+        (request.at, "a payload elsewhere than on the trunk is weighed in motion only", both[:1]),
+    )
+    for asked, what, by in limited:
+        if asked is not None and request.method not in by:
+            only = " or ".join(map(repr, by))
+            raise IdentificationError(f"{source}: {what}, by {only}; this log is weighed by {request.method!r}")
 
 
 def _range(tare: object) -> tuple[float, float] | Log | None:

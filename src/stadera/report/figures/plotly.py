@@ -19,6 +19,7 @@ from stadera.report.figures.model import Axis, Bars, Figure, Guide, Panel, Serie
 from stadera.types import Array
 
 _SHAPE = {"": "linear", "hold": "hv", "bins": "hvh"}
+_FILL = {"": None, "self": "toself", "zero": "tozeroy"}
 _SYMBOLS = {
     "dot": "circle",
     "ring": "circle-open",
@@ -111,42 +112,51 @@ def _traces(panel: Panel, k: int, shared: dict[str, int]) -> Iterator[dict[str, 
 def _curve(series: Series, panel: Panel, shared: dict[str, int]) -> dict[str, Any]:
     colour = f"var(--{series.colour})"
     parts = {"lines": series.width or series.fill, "markers": series.marker, "text": series.labels}
-    trace: dict[str, Any] = {
+    dash = {"dash": "dash"} if series.dashed else {}
+    return {
         "x": shared.setdefault(_bytes(series.x), len(shared)),
         "y": _packed(series.y),
         "mode": "+".join(part for part, drawn in parts.items() if drawn) or "none",
-        "line": {"color": colour, "width": series.width, "shape": _SHAPE[series.stairs]},
-        "hovertemplate": f"%{{y:.4g}}{_unit(panel.y)}" if not panel.y.labels else f"%{{x:.3g}}{_unit(panel.x)}",
+        "line": {"color": colour, "width": series.width, "shape": _SHAPE[series.stairs]} | dash,
         "visible": "legendonly" if series.hidden else None,
+        "marker": _marker(series, colour) if series.marker else None,
+        "fill": _FILL[series.fill],
+        "fillcolor": f"{colour}{round(255 * series.dense):02x}" if series.fill else None,
+        "customdata": list(series.links) if any(series.links) else None,
+        "error_x": _error_bars(series.x, series.x_range, colour),
+        "error_y": _error_bars(series.y, series.y_range, colour),
+        **_labels(series),
+        **_hover(series, panel),
     }
-    if series.dashed:
-        trace["line"]["dash"] = "dash"
-    if series.marker:
-        size = _packed(series.size) if np.ndim(series.size) else series.size
-        trace["marker"] = {"color": colour, "size": size, "symbol": _SYMBOLS[series.marker]}
-        trace["marker"]["line"] = {"color": colour, "width": 2 if series.marker != "dot" else 0}
-    if series.labels:
-        high = np.asarray(series.y) > np.mean(series.y)
-        trace |= {"text": list(series.labels), "textposition": [f"{'top' if up else 'bottom'} center" for up in high]}
-    if series.hover:
-        trace |= {"hovertext": list(map(escape, series.hover)), "hovertemplate": "%{hovertext}<extra></extra>"}
-    if any(series.links):
-        trace["customdata"] = list(series.links)
-    if series.fill:
-        trace |= {
-            "fill": "toself" if series.fill == "self" else "tozeroy",
-            "fillcolor": f"{colour}{round(255 * series.dense):02x}",
-        }
+
+
+def _marker(series: Series, colour: str) -> dict[str, Any]:
+    size = _packed(series.size) if np.ndim(series.size) else series.size
+    edge = {"color": colour, "width": 2 if series.marker != "dot" else 0}
+    return {"color": colour, "size": size, "symbol": _SYMBOLS[series.marker], "line": edge}
+
+
+def _labels(series: Series) -> dict[str, Any]:
+    """Labels above high points and below low ones."""
+    if not series.labels:
+        return {}
+    high = np.asarray(series.y) > np.mean(series.y)
+    return {"text": list(series.labels), "textposition": [f"{'top' if up else 'bottom'} center" for up in high]}
+
+
+def _hover(series: Series, panel: Panel) -> dict[str, Any]:
+    """What a point says: its own text, or its value on the axis that has no names. An area says nothing."""
     if series.fill == "self":
-        trace |= {"hoverinfo": "skip", "hovertemplate": None}
-    if series.x_range is not None:
-        trace["error_x"] = _error_bars(series.x, series.x_range, colour)
-    if series.y_range is not None:
-        trace["error_y"] = _error_bars(series.y, series.y_range, colour)
-    return trace
+        return {"hoverinfo": "skip"}
+    if series.hover:
+        return {"hovertext": list(map(escape, series.hover)), "hovertemplate": "%{hovertext}<extra></extra>"}
+    value, axis = ("%{x:.3g}", panel.x) if panel.y.labels else ("%{y:.4g}", panel.y)
+    return {"hovertemplate": f"{value}{_unit(axis)}"}
 
 
-def _error_bars(at: Array, ends: tuple[Array, Array], colour: str) -> dict[str, Any]:
+def _error_bars(at: Array, ends: tuple[Array, Array] | None, colour: str) -> dict[str, Any] | None:
+    if ends is None:
+        return None
     less, more = np.asarray(at) - ends[0], ends[1] - np.asarray(at)
     look = {"color": colour, "thickness": 1.4, "width": 0, "array": _packed(more)}
     return look if np.allclose(less, more) else look | {"symmetric": False, "arrayminus": _packed(less)}
