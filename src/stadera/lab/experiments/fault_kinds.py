@@ -53,10 +53,6 @@ def _one_of(part: slice) -> Pick:
 _one, _hip_or_knee, _knee = (_one_of(part) for part in (slice(None), slice(1, None), slice(-1, None)))
 
 
-def _of_leg(log: Recording, robot: Robot, rng: Rng) -> Sequence[int]:
-    return [log.index(joint) for joint in _leg(robot, rng).joints]
-
-
 def _every(log: Recording, _: Robot, __: Rng) -> Sequence[int]:
     return range(len(log.joints))
 
@@ -85,23 +81,15 @@ def _scaled(factor: float) -> Change:
     return lambda values, _, __: factor * values
 
 
-def _zero(values: Array, _: float, __: Rng) -> Array:
-    return np.zeros_like(values)
-
-
 def _stuck(values: Array, _: float = 0.0, __: Rng | None = None) -> Array:
     """Holds the values from a third of the log on."""
     values[len(values) // 3 :] = values[len(values) // 3]
     return values
 
 
-def _dead(values: Array, _: float, rng: Rng) -> Array:
-    """Noise of a tenth of the signal's size, as from a dead sensor."""
-    return np.asarray(0.1 * values.std() * rng.standard_normal(len(values)))
-
-
-def _noisy(values: Array, _: float, rng: Rng) -> Array:
-    return np.asarray(values + 0.3 * values.std() * rng.standard_normal(len(values)))
+def _noise(signal: float, noise: float) -> Change:
+    """A share of the signal, and white noise, as a share of the signal's size; of a dead sensor only that."""
+    return lambda values, _, rng: signal * values + noise * values.std() * rng.standard_normal(len(values))
 
 
 def _clipped(share: float) -> Change:
@@ -195,14 +183,6 @@ def _imu_late(log: Recording, robot: Robot, rng: Rng, seconds: float = 0.08) -> 
     return _since(seconds, _imu("both", late).spoil(log, robot, rng))
 
 
-def _slow_clock(log: Recording, _: Robot, __: Rng) -> Recording:
-    return replace(log, time=log.time[0] + 1.1 * (log.time - log.time[0]))
-
-
-def _lossy(log: Recording, _: Robot, rng: Rng) -> Recording:
-    return take(log, rng.random(len(log)) > 0.2)
-
-
 _SIDES, _ENDS = (("LF", "RF"), ("LH", "RH")), (("LF", "LH"), ("RF", "RH"))
 _MIRROR = "sides swapped on a robot that stands symmetrically are the mirror image of its load, and nothing moves"
 _COMMON = "a common factor of all torques, or of the accelerometer, is the same as another weight"
@@ -218,10 +198,12 @@ SIGNAL_FAULTS: Mapping[str, Fault] = MappingProxyType(
         "one torque's sign": _joint("effort", _scaled(-1.0)),
         "all torques x2": _joint("effort", _scaled(2.0), _every),
         "all torques x1.15": _joint("effort", _scaled(1.15), _every, _COMMON),
-        "one torque zero": _joint("effort", _zero),
+        "one torque zero": _joint("effort", _scaled(0.0)),
         "one torque stuck": _joint("effort", _stuck),
-        "one torque only noise": _joint("effort", _dead, _hip_or_knee),
-        "a leg's torques only noise": _joint("effort", _dead, _of_leg),
+        "one torque only noise": _joint("effort", _noise(0.0, 0.1), _hip_or_knee),
+        "a leg's torques only noise": _joint(
+            "effort", _noise(0.0, 0.1), lambda log, *drawn: [log.index(j) for j in _leg(*drawn).joints]
+        ),
         "a knee clipped at 80 %": _joint("effort", _clipped(0.8), _knee),
         "a knee clipped at 50 %": _joint("effort", _clipped(0.5), _knee),
         "one torque 20 % of its limit off": _joint("effort", _offset(0.2, of_limit=True)),
@@ -234,7 +216,7 @@ SIGNAL_FAULTS: Mapping[str, Fault] = MappingProxyType(
         "one encoder jumps by 5°": _joint("position", _offset(np.radians(5.0), jumps=True)),
         "one encoder's sign": _joint("position", _scaled(-1.0)),
         "one encoder stuck": _joint("position", _stuck),
-        "one encoder noisy": _joint("position", _noisy),
+        "one encoder noisy": _joint("position", _noise(1.0, 0.3)),
         "legs' positions and velocities swapped": _swapped("encoder", ("position", "velocity"), _SIDES, mirror=True),
         "whole left and right legs swapped": _swapped(
             "encoder", ("position", "velocity", "effort"), _SIDES, mirror=True
@@ -243,7 +225,7 @@ SIGNAL_FAULTS: Mapping[str, Fault] = MappingProxyType(
         "one velocity's sign": _joint("velocity", _scaled(-1.0)),
         "velocities x2": _joint("velocity", _scaled(2.0), _every),
         "velocities in deg/s": _joint("velocity", _scaled(float(np.degrees(1.0))), _every),
-        "one velocity zero": _joint("velocity", _zero),
+        "one velocity zero": _joint("velocity", _scaled(0.0)),
         "velocities 60 ms late": _late("velocity", 0.06),
         "IMU yawed 90°": _imu("both", _turned("z", 90.0)),
         "IMU yawed 180°": _imu("both", _turned("z", 180.0)),
@@ -259,8 +241,10 @@ SIGNAL_FAULTS: Mapping[str, Fault] = MappingProxyType(
         "accelerometer 1 m/s² off aside": _imu("force", lambda values: values + np.array([0.0, 1.0, 0.0])),
         "accelerometer stuck": _imu("force", _stuck),
         "IMU 80 ms late": Fault("imu", _imu_late),
-        "clock 10 % slow": Fault("time", _slow_clock),
-        "a fifth of the samples lost": Fault("time", _lossy),
+        "clock 10 % slow": Fault(
+            "time", lambda log, *_: replace(log, time=log.time[0] + 1.1 * (log.time - log.time[0]))
+        ),
+        "a fifth of the samples lost": Fault("time", lambda log, _, rng: take(log, rng.random(len(log)) > 0.2)),
     }
 )
 """By name."""

@@ -287,10 +287,6 @@ def _real_cases(settings: ReproduceSettings) -> list[RealLegs]:
     return cases
 
 
-def _identified(case: RealLegs) -> Identification:
-    return identify(load_robot(case.robot), [case.log])
-
-
 def _fig5(cases: Sequence[RealLegs], found: Sequence[Identification]) -> ExperimentResult:
     pairs = [(case.robot, result) for case, result in zip(cases, found, strict=True)]
     legs = [(robot, leg) for robot, result in pairs for leg in result.legs]
@@ -324,4 +320,4 @@ def impossible_links(leg: LegIdentification) -> int:
     return sum(not leg.estimate.inertia(link).is_physical() for link in leg.leg.links)
 
 
-FIG5 = _FIG5.experiment(_real_cases, _identified, _fig5, alone=True)
+FIG5 = _FIG5.experiment(_real_cases, lambda case: identify(case.robot, case.log), _fig5, alone=True)

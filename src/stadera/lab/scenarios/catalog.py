@@ -180,10 +180,6 @@ def _crawling(robot: Robot, trunk: TrunkModel) -> Controller:
     return Crawl(TrunkController(robot, trunk=trunk))
 
 
-def _after_a_while(settings: SimulateSettings, duration: float) -> float:
-    return DEFAULTS.load_after * duration
-
-
 @dataclass(frozen=True)
 class Scenario:
     """A scenario."""
@@ -192,7 +188,8 @@ class Scenario:
     duration: float  # default duration [s]
     events: Script | None = None  # besides the load
     own: bool = False  # whether it has a load of its own, where the settings have none
-    load_time: Callable[[SimulateSettings, float], float] = _after_a_while  # of the load [s], from the duration [s]
+    # of the load [s], from the duration [s]
+    load_time: Callable[[SimulateSettings, float], float] = lambda _, duration: DEFAULTS.load_after * duration
     slope: float = 0.0  # default slope [rad]
     controller: ControllerOf = _standing  # of stance and gait
 

@@ -54,7 +54,7 @@ class LowStates:
         if len(set(map(len, content))) > 1 or len({self._order_of(data) for data in content}) > 1:
             raise ValueError("messages of several layouts")
         order = self._order_of(content[0])
-        body = _byte_rows(content)[:, self._start :]
+        body = np.frombuffer(b"".join(content), np.uint8).reshape(len(content), -1)[:, self._start :]
         if self._mode is not None and body[:, self._mode].any():
             raise ClosedLoopError(
                 f"{messages[0].topic}: ankles and waist are in mode AB (mode_pr 1): their values are those of two "
@@ -178,11 +178,6 @@ def _numbers(types: Mapping[str, Any], description: Any, path: str) -> Iterator[
             yield from _numbers(types, detail[0], f"{path}.{k}")
     else:
         raise RecordingError(f"{path[1:]}: a field of unknown size, which a LowState does not have")
-
-
-def _byte_rows(messages: Sequence[bytes]) -> NDArray[np.uint8]:
-    """The bytes of messages of one length, (messages, length)."""
-    return np.frombuffer(b"".join(messages), np.uint8).reshape(len(messages), -1)
 
 
 def _byte_places(offsets: Sequence[int], size: int) -> NDArray[np.int64]:

@@ -64,12 +64,12 @@ def _panel(
     result: Weighing, quantity: str, name: str, values: Array, std: Array, truth: Truth | None, true: list[float] | None
 ) -> Panel:
     """A quantity (k,) over the timeline with two standard deviations, and its true values at the truth's moments."""
-    time = result.timeline.time
+    time, axis = result.timeline.time, Axis("time [s]", limits=(result.begin, result.end))
     marks = [band(time, values, std), line(time, values, name, width=1.8)]
     if truth is not None and true is not None:
         times = np.array([*(m.time for m in truth.moments), result.end])
         marks.append(Series(times, np.array([*true, true[-1]]), "truth", "green", 1.5, dashed=True, stairs="hold"))
-    return Panel(_time(result), Axis(quantity, limits=room(values, std)), tuple(marks), _guides(result))
+    return Panel(axis, Axis(quantity, limits=room(values, std)), tuple(marks), _guides(result))
 
 
 def room(values: Array, std: Array) -> tuple[float, float] | None:
@@ -82,10 +82,6 @@ def room(values: Array, std: Array) -> tuple[float, float] | None:
     low, high = float(values[known].min()), float(values[known].max())
     room = max(3.0 * float(std[known][-1]), 0.15 * (high - low)) or 1.0
     return low - room, high + room
-
-
-def _time(result: Weighing) -> Axis:
-    return Axis("time [s]", limits=(result.begin, result.end))
 
 
 def _guides(result: Weighing) -> tuple[Guide, ...]:
@@ -128,7 +124,9 @@ def place_figure(result: Weighing, truth: Truth | None = None) -> Figure | None:
     if not len(ground):
         return None
     from_side = (*silhouette(result.robot, stance.position, side), _level(ground @ side.T))
-    from_above = (_support(ground @ top.T), *silhouette(result.robot, stance.position, top))
+    x, y = outline(ground @ top.T).T
+    support = Series(x, y, "support polygon", "green", 1.2, fill="self")
+    from_above = (support, *silhouette(result.robot, stance.position, top))
     over = tuple(_at_rest(result, result.balance)) if result.balance is not None else ()
     low, high = _bounds((*from_side, *_marks(centres, side, None)))
     seen = tuple(_marks(centres, side, (float(low[1]), float(high[1]))))
@@ -254,11 +252,6 @@ def _level(points: Array) -> Series:
     left, right = points[:, 0].min(), points[:, 0].max()
     more = 0.15 * (right - left) + 0.05
     return Series(np.array([left - more, right + more]), np.full(2, points[:, 1].mean()), "", "steel", 1.2)
-
-
-def _support(points: Array) -> Series:
-    x, y = outline(points).T
-    return Series(x, y, "support polygon", "green", 1.2, fill="self")
 
 
 def _at_rest(result: Weighing, balance: Balance) -> Iterator[Series]:
