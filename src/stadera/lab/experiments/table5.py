@@ -11,9 +11,10 @@ from stadera.lab.experiments.loaded_walk import LoadedWalk, LoadedWalkCase, weig
 from stadera.lab.experiments.runner import ExperimentResult, Outcome, Paper, Record, ReproduceSettings, crossed
 from stadera.lab.laws.static_poses import PoseOffset
 from stadera.lab.supervise.supervisor import Mode, StoppingSupervisor
-from stadera.lab.supervise.weighing import CorrectedForces, Lean, Stage, StandingWeighing
+from stadera.lab.supervise.weighing import Lean, Stage, StandingWeighing
 from stadera.report.table import Cell, Row, TableData
 from stadera.robot import load_robot
+from stadera.trunk.drives import Drives
 
 PAPER = Paper.of("table5")
 
@@ -55,7 +56,7 @@ class _LoadedRun:
     def outcome(self) -> Outcome:
         as_measured = self._by_forces()
         found = self.supervisor.trunk
-        by_poses = self._weighed(self._weighing(self.supervisor.corrected, self._lean))
+        by_poses = self._weighed(self._weighing(self._lean, self.supervisor.estimator.drives))
         truth = self.walk.bed.plant.truth()
         return {
             "contact": found.com_trunk[:2].tolist(),
@@ -74,14 +75,15 @@ class _LoadedRun:
             if not asked and time >= self.times.ask:
                 supervisor.weigh("Table V asks for it")
                 asked = True
-        uncorrected = self._weighing(CorrectedForces.none(supervisor.forces))
+        uncorrected = self._weighing()
         while supervisor.state is not Mode.CONVERGED:
             self._step(uncorrected)
         self.walk.supervisor = None  # it stays in place
         return self._weighed(uncorrected)
 
-    def _weighing(self, scale: CorrectedForces, lean: Lean | None = None) -> StandingWeighing:
-        return StandingWeighing(scale, self.supervisor.trunk, self.walk.bed.plant.time, lean=lean)
+    def _weighing(self, lean: Lean | None = None, drives: Drives | None = None) -> StandingWeighing:
+        supervisor, time = self.supervisor, self.walk.bed.plant.time
+        return StandingWeighing(supervisor.forces, supervisor.trunk, time, lean=lean, drives=drives)
 
     def _lean(self, pose: PoseOffset, duration: float) -> None:
         """Moves the trunk to a pose relative to its reference at the first."""

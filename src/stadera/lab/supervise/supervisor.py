@@ -32,7 +32,7 @@ from stadera.constants import GRAVITY, ROUNDING
 from stadera.errors import StaderaError
 from stadera.lab.control.crawl import Crawl
 from stadera.lab.control.legs import LegDynamics
-from stadera.lab.supervise.weighing import CorrectedForces, Stage, StandingWeighing, WeighingSettings
+from stadera.lab.supervise.weighing import Stage, StandingWeighing, WeighingSettings
 from stadera.report.numbers import number, with_std
 from stadera.robot.model import Robot
 from stadera.robot.stance import standing_configuration
@@ -250,11 +250,6 @@ class StoppingSupervisor(Supervisor):
         """True while a weighing is in progress."""
         return self._weighing is not None
 
-    @property
-    def corrected(self) -> CorrectedForces:
-        """Contact forces corrected for the torque offsets that the walk has shown so far."""
-        return CorrectedForces.of(self.forces, self.estimator.drives)
-
     def update(self, m: Measurement) -> None:
         """Processes one measurement. Times must increase."""
         self.estimator.update(m)
@@ -290,7 +285,8 @@ class StoppingSupervisor(Supervisor):
             self._stand(f"the robot does not come to stand within {self.settings.stop_within:g} s {self.walker.fault}")
 
     def _begin_weighing(self, reason: str) -> None:
-        self._weighing = StandingWeighing(self.corrected, self.trunk, self._time, self._how)
+        drives = self.estimator.drives  # as the walk has shown them so far
+        self._weighing = StandingWeighing(self.forces, self.trunk, self._time, self._how, drives=drives)
         self._enter(Mode.WEIGHING_MASS, reason)
 
     def _weigh(self, m: Measurement, change: LoadChange | None) -> None:

@@ -20,7 +20,6 @@ from stadera.trunk.model import TrunkModel
 from stadera.trunk.protocol import Estimator, Status, TrunkEstimate
 from stadera.trunk.registry import Setup, make_estimator
 from stadera.trunk.standing.forces import ContactForceEstimator
-from stadera.types import Array
 
 Lean = Callable[[PoseOffset, float], None]
 """Moves the trunk to a pose relative to that in which the robot stopped, within a duration [s]."""
@@ -38,33 +37,6 @@ class WeighingSettings:
     back: float = 0.5  # to settle after they have been left
 
 
-@dataclass(frozen=True, eq=False)
-class CorrectedForces:
-    """Contact forces from torques whose constant offsets (12,) [N·m], leg by leg, are known."""
-
-    forces: ContactForceEstimator  # its noise has the offsets' remaining uncertainty as the constant part
-    offsets: Array
-
-    @classmethod
-    def of(cls, forces: ContactForceEstimator, drives: Drives) -> CorrectedForces:
-        """Corrected by the offsets of estimated drives."""
-        at = list(TERMS).index("offset")
-        noise = replace(forces.noise, torque_constant=drives.std[:, at])
-        known = ContactForceEstimator(forces.robot, noise)
-        return cls(known, (drives.value - drives.model)[:, at])
-
-    @classmethod
-    def none(cls, forces: ContactForceEstimator) -> CorrectedForces:
-        """No correction."""
-        return cls(forces, np.zeros(len(forces.robot.tree.joints)))
-
-    def measurement(self, m: Measurement) -> Measurement:
-        """The measurement minus the offsets."""
-        effort = m.effort.copy()
-        effort[self.forces.body.in_legs] -= self.offsets
-        return replace(m, effort=effort)
-
-
 class Stage(StrEnum):
     """Stage of a weighing."""
 
@@ -78,24 +50,32 @@ class StandingWeighing:
     """Weighs a standing robot by approach (c), or by (a) if it can `lean`.
 
     `trunk` is the controller's meanwhile, `begin` the present time [s], `reason` that of a failure, `estimate` None
-    before the first.
+    before the first. Of `drives`, if they are known, the torques' offsets are subtracted, and what remains unknown of
+    these is the constant part of the forces' noise.
     """
 
     def __init__(
         self,
-        corrected: CorrectedForces,
+        forces: ContactForceEstimator,
         trunk: TrunkModel,
         begin: float,
         settings: WeighingSettings | None = None,
         lean: Lean | None = None,
+        drives: Drives | None = None,
     ) -> None:
-        self.corrected, self.settings = corrected, settings or WeighingSettings()
+        self._forces, self._offsets, self.settings = forces, np.zeros(()), settings or WeighingSettings()
+        if drives is not None:
+            at = list(TERMS).index("offset")
+            noise = replace(forces.noise, torque_constant=drives.std[:, at])
+            self._forces, self._offsets = (
+                ContactForceEstimator(forces.robot, noise),
+                (drives.value - drives.model)[:, at],
+            )
         self.stage, self.reason = Stage.MASS, ""
         self.estimate: TrunkEstimate | None = None
         self._trunk, self._begin, self._lean = trunk, begin, lean
-        robot = corrected.forces.robot
-        self._estimator: Estimator = MassEstimator(robot, trunk, corrected.forces)
-        self._poses = [] if lean is None else list(static_poses(robot, count=self.settings.poses))
+        self._estimator: Estimator = MassEstimator(forces.robot, trunk, self._forces)
+        self._poses = [] if lean is None else list(static_poses(forces.robot, count=self.settings.poses))
         self._held_from, self._held_until = -np.inf, np.inf
 
     def update(self, m: Measurement) -> None:
@@ -103,7 +83,9 @@ class StandingWeighing:
         if self.stage in (Stage.DONE, Stage.FAILED):
             return
         if m.time >= self._held_from:
-            self._estimator.update(self.corrected.measurement(m))
+            effort = m.effort.copy()
+            effort[self._forces.body.in_legs] -= self._offsets
+            self._estimator.update(replace(m, effort=effort))
             self.estimate = self._estimator.estimate()
         converged = self.estimate is not None and self.estimate.status is Status.CONVERGED
         if self.stage is Stage.MASS:
@@ -121,7 +103,7 @@ class StandingWeighing:
     def _begin_com(self, time: float) -> None:
         assert self.estimate is not None
         start = TrunkModel(self.estimate.trunk.mass, self._trunk.com_trunk, self._trunk.inertia_com)
-        setup = Setup(self.corrected.forces.robot, start, self.corrected.forces)
+        setup = Setup(self._forces.robot, start, self._forces)
         self._estimator = make_estimator("contact" if self._lean is None else "poses", setup)
         self.stage, self._begin = Stage.COM, time
 
