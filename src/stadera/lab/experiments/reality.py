@@ -12,13 +12,11 @@ from typing import Any
 
 import numpy as np
 
-from stadera.errors import IdentificationError
+from stadera.errors import IdentificationError, StaderaError
 from stadera.identify.legs import identify
 from stadera.identify.schema import with_identified_legs
 from stadera.identify.settings import IdentifySettings
 from stadera.lab.baselines import ALL_METHODS
-from stadera.lab.control.com_plan import PlanError
-from stadera.lab.control.reference import ControlError
 from stadera.lab.experiments.runner import (
     Bounds,
     CaseValues,
@@ -31,13 +29,14 @@ from stadera.lab.experiments.runner import (
     grouped,
 )
 from stadera.lab.plant.payload import Tray
-from stadera.lab.plant.plant import SimulationError
 from stadera.lab.scenarios.catalog import Load, SimulateSettings
 from stadera.lab.scenarios.run import simulate, stored, swing
 from stadera.lab.truth import Truth
 from stadera.logs import Recording, stream
 from stadera.robot import Robot, load_robot
 from stadera.trunk import make_estimator
+from stadera.trunk.load import LoadChange, Payload
+from stadera.trunk.protocol import TrunkEstimate
 from stadera.trunk.registry import Setup
 from stadera.trunk.samples import Samples
 from stadera.types import Array
@@ -87,13 +86,13 @@ def weigh_real(case: RealityCase, logs: Path | None = None) -> dict[str, Any]:
 
     `fell`: None, or a description. `robot_mass`: [kg]. `methods`: by method (of the registry, and `LEGS`) a mapping
     with every quantity of `FIGURES` that it gives, as [error, standard deviation]; `verdict_before`, `verdict`: of the
-    fit, at the tare and at the end, None for methods without one; `noticed`: [s] from the load to its detection;
+    fit, at the tare and at the end; `noticed`: [s] from the load to its detection;
     `false_changes`.
     """
     robot = load_robot(case.robot)
     try:
         log, truth = real_log(case, robot, logs)
-    except (ControlError, PlanError, SimulationError) as error:
+    except StaderaError as error:  # of plant or controller
         return {"fell": str(error), "robot_mass": robot.mass, "methods": {}}
     if truth.fell is not None:
         return {"fell": truth.fell[1], "robot_mass": robot.mass, "methods": {}}
@@ -149,16 +148,16 @@ def _load(case: RealityCase, robot: Robot, draw: int) -> Load | None:
 
 
 def _weighed(name: str, robot: Robot, samples: Samples, truth: Truth) -> dict[str, Any]:
-    estimator: Any = make_estimator(name, Setup(robot), ALL_METHODS)
+    estimator = make_estimator(name, Setup(robot), ALL_METHODS)
     estimator.add(samples[samples.time < HOW.loaded_at])
-    before, verdict_before = estimator.estimate(), _verdict(estimator)
+    before, verdict_before = estimator.estimate(), estimator.trust.verdict
     if name == OURS:
         estimator.tare()
     estimator.add(samples[samples.time >= HOW.loaded_at])
     bare, load = truth.moments[0], truth.moments[-1]
-    figures: dict[str, Any] = {"verdict_before": verdict_before, "verdict": _verdict(estimator)}
+    figures: dict[str, Any] = {"verdict_before": verdict_before, "verdict": estimator.trust.verdict}
     figures |= _errors(_TRUNK, before.value - np.array([bare.mass, *bare.com]), before.std)
-    value, std = _payload(estimator) if name == OURS else _difference(before, estimator.estimate())
+    value, std = _payload(estimator.payload) if name == OURS else _difference(before, estimator.estimate())
     place = np.full(3, np.nan) if load.payload_com is None else np.asarray(load.payload_com)
     figures |= _errors(_PAYLOAD, value - np.array([load.payload_mass, *place]), std)
     if name == OURS:
@@ -171,15 +170,14 @@ def _errors(names: tuple[str, ...], errors: Array, stds: Array) -> dict[str, lis
     return {name: [error, std] for name, error, std in pairs if np.isfinite(error) and np.isfinite(std)}
 
 
-def _payload(estimator: Any) -> tuple[Array, Array]:
+def _payload(found: Payload | None) -> tuple[Array, Array]:
     """Mass and position of the payload since the tare, and their standard deviations, (4,) each."""
-    found = estimator.payload
     if found is None:
         return np.full(4, np.nan), np.full(4, np.nan)
     return np.array([found.mass, *found.com]), np.array([found.mass_std, *found.com_std])
 
 
-def _difference(before: Any, after: Any) -> tuple[Array, Array]:
+def _difference(before: TrunkEstimate, after: TrunkEstimate) -> tuple[Array, Array]:
     """The same from two estimates of the trunk with independent errors; no standard deviations for the position."""
     mass = after.trunk.mass - before.trunk.mass
     moment = after.trunk.mass * after.trunk.com_trunk - before.trunk.mass * before.trunk.com_trunk
@@ -189,13 +187,7 @@ def _difference(before: Any, after: Any) -> tuple[Array, Array]:
     return np.array([mass, *place]), std
 
 
-def _verdict(estimator: Any) -> str | None:
-    trust = getattr(estimator, "trust", None)
-    trust = trust() if callable(trust) else trust
-    return None if trust is None else str(trust.verdict)
-
-
-def _changes(changes: tuple[Any, ...], mass: float) -> dict[str, Any]:
+def _changes(changes: tuple[LoadChange, ...], mass: float) -> dict[str, Any]:
     """The first change detected after the load is assigned to the load; all others are false."""
     after = [change for change in changes if change.noticed > HOW.loaded_at]
     found = after[0] if after and mass > 0 else None
@@ -341,7 +333,7 @@ def _accuracy(errors: str, scenario: str, pairs: _Pairs) -> Iterator[Record]:
 # -- error bars and behaviour -------------------------------------------------------------------------------------
 def _coverage(pairs: _Pairs, name: str, method: str) -> tuple[float, int] | None:
     """Coverage of a quantity's error bars: the share of errors within 2 σ, and the number beyond 4 σ with a good
-    verdict (or none). None if the quantity was never estimated.
+    verdict. None if the quantity was never estimated.
     """
     sigmas, good = [], []
     for _, outcome in pairs:
@@ -350,7 +342,7 @@ def _coverage(pairs: _Pairs, name: str, method: str) -> tuple[float, int] | None
         if name in figures and verdict != "bad":
             error, std = figures[name]
             sigmas.append(abs(error) / std)
-            good.append(verdict in ("good", None))
+            good.append(verdict == "good")
     if not sigmas:
         return None
     size = np.array(sigmas)
@@ -368,9 +360,8 @@ def _bars(errors: str, pairs: _Pairs, method: str) -> Iterator[Record]:
             within, beyond = coverage
             yield PAPER.least(case, f"{name}, within 2 σ", "1", within, 0.90)
             yield PAPER.record(case, f"{name}, beyond 4 σ with verdict good", "1", float(beyond), bound=0.0)
-    verdicts = [figures["verdict"] for _, figures in own if figures.get("verdict") is not None]
-    if verdicts:
-        yield PAPER.least(case, "verdict good", "1", verdicts.count("good") / len(verdicts), 0.8)
+    good = sum(figures["verdict"] == "good" for _, figures in own)
+    yield PAPER.least(case, "verdict good", "1", good / len(own), 0.8)
     late = [figures["noticed"] for c, figures in own if c.share >= HOW.noticeable]
     if late:
         soon = float(np.mean([time is not None and time <= HOW.soon for time in late]))
