@@ -14,7 +14,7 @@ from stadera.body.rows import Rows
 from stadera.errors import IdentificationError
 from stadera.fleet.merge import merge_legs
 from stadera.identify.legs import identify
-from stadera.identify.result import Identification
+from stadera.identify.result import Identification, robot_with_legs
 from stadera.identify.schema import with_identified_legs
 from stadera.identify.settings import IdentifySettings
 from stadera.information import Information, Unknowns
@@ -121,9 +121,9 @@ def test_logs_that_differ_are_doubtful_and_their_bars_wider() -> None:
 
 def test_json_is_what_weigh_takes(tmp_path) -> None:
     merged = merge_legs(hyq(), information(alone()), RH)
-    merged.save_json(tmp_path / "legs.json")
-    assert json.loads((tmp_path / "legs.json").read_text())["logs"] == ["log0", "log1", "log2"]
-    robot, direct = with_identified_legs(hyq(), tmp_path / "legs.json"), merged.identified_robot()
+    (tmp_path / "legs.json").write_text(json.dumps(merged.to_dict()))
+    assert merged.to_dict()["logs"] == ["log0", "log1", "log2"]
+    robot, direct = with_identified_legs(hyq(), tmp_path / "legs.json"), robot_with_legs(hyq(), merged.legs)
     for link in hyq().leg("RH").links:
         np.testing.assert_allclose(robot.inertias[link].vector, direct.inertias[link].vector, rtol=1e-9, atol=1e-12)
     for joint in hyq().leg("RH").joints:

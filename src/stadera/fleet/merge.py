@@ -22,18 +22,16 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import reduce
-from os import PathLike
 from typing import Any
 
 import numpy as np
 
 from stadera.errors import IdentificationError, StaderaError
-from stadera.files import write_text, written_together
 from stadera.fleet.jobs import LogJob
 from stadera.fleet.table import FleetTable
 from stadera.identify.job import LegTask
 from stadera.identify.prior import robot_prior
-from stadera.identify.result import LegIdentification, robot_with_legs
+from stadera.identify.result import LegIdentification
 from stadera.identify.schema import UNITS, joints_dict, links_dict
 from stadera.identify.settings import IdentifySettings
 from stadera.identify.solutions import solve_legs, with_scale
@@ -57,10 +55,6 @@ class MergedLegs:
     legs: tuple[LegIdentification, ...]
     trust: Trust  # the misfit is Δ divided by its expectation, 1 if one robot explains all logs
 
-    def identified_robot(self) -> Robot:
-        """The robot with the merged parameters of links and joints."""
-        return robot_with_legs(self.robot, self.legs)
-
     def to_dict(self) -> dict[str, Any]:
         """Plain values as from `identify`, for `weigh --legs`: robot, source, logs, method, trust, links, joints."""
         mark = {"trusted": False} if self.trust.verdict == "bad" else {}
@@ -74,13 +68,6 @@ class MergedLegs:
             "joints": joints_dict(self.legs, mark),
             "units": dict(UNITS),
         }
-
-    def save_json(self, path: str | PathLike[str]) -> None:
-        """Writes `to_dict` as JSON; StaderaError if the path cannot be written."""
-        from stadera.results import json_text
-
-        with written_together([path]) as (draft,):
-            write_text(draft, json_text(self.to_dict()))
 
 
 def merge_legs(
