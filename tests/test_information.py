@@ -237,13 +237,17 @@ def some_rows(rows: int = 3, unknowns: int = 5) -> tuple[np.ndarray, np.ndarray]
     return RNG.standard_normal((rows, unknowns)), RNG.standard_normal(rows)
 
 
+def prior(mean: np.ndarray = MEAN, std: np.ndarray = STD, considered: int = 0) -> Information:
+    return Information(BLOCKS, np.diag(1.0 / std), mean / std, np.zeros((len(mean), considered)))
+
+
 def kalman(x: np.ndarray, P: np.ndarray, H: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     gain = P @ H.T @ np.linalg.inv(np.eye(len(y)) + H @ P @ H.T)
     return x + gain @ (y - H @ x), P - gain @ H @ P
 
 
 def test_adding_is_the_kalman_filter() -> None:
-    known, x, P = Information.prior(BLOCKS, MEAN, STD), MEAN, np.diag(STD**2)
+    known, x, P = prior(), MEAN, np.diag(STD**2)
     for _ in range(4):
         H, y = some_rows()
         known = known.add(H, y)
@@ -259,7 +263,7 @@ def test_adding_is_the_kalman_filter() -> None:
 def test_any_number_of_rows_at_once(rows: int) -> None:
     H, y = some_rows(rows)
     x, P = kalman(MEAN, np.diag(STD**2), H, y)
-    known = Information.prior(BLOCKS, MEAN, STD).add(H, y)
+    known = prior().add(H, y)
     np.testing.assert_allclose(known.mean, x, atol=1e-12)
     np.testing.assert_allclose(known.covariance(), P, atol=1e-12)
 
@@ -279,7 +283,7 @@ def test_recursive_is_batch() -> None:
 def test_marginal_of_blocks_is_the_dense_formula(seed: int, names: tuple[str, ...]) -> None:
     rng = np.random.default_rng(seed)
     H, y, B = rng.normal(size=(9, 5)), rng.normal(size=9), rng.normal(size=(9, 2))
-    known = Information.prior(BLOCKS, MEAN, STD, 2).add(H, y, B)
+    known = prior(considered=2).add(H, y, B)
     some, at = known.marginal(names), BLOCKS.index(names)
     np.testing.assert_allclose(some.mean, known.mean[at], atol=1e-9)
     np.testing.assert_allclose(some.covariance(), known.covariance()[np.ix_(at, at)], atol=1e-9)
@@ -293,7 +297,7 @@ def sandwich(H: np.ndarray, y: np.ndarray, B: np.ndarray) -> tuple[np.ndarray, n
 
 
 def test_considered_errors_do_what_they_do_to_least_squares() -> None:
-    known = Information.prior(BLOCKS, MEAN, STD, 4)
+    known = prior(considered=4)
     rows, errors, targets = [np.diag(1.0 / STD)], [np.zeros((5, 4))], [MEAN / STD]
     for _ in range(3):
         H, y = some_rows(4)
@@ -325,7 +329,7 @@ def test_merged_halves_are_the_whole_under_the_same_considered_errors() -> None:
     halves = start.add(H[:8], y[:8], B[:8]).merge(start.add(H[8:], y[8:], B[8:]))
     np.testing.assert_allclose(halves.mean, whole.mean, atol=1e-12)
     np.testing.assert_allclose(halves.covariance(), whole.covariance(), atol=1e-12)
-    with_prior = whole.merge(Information.prior(BLOCKS, MEAN, STD))
+    with_prior = whole.merge(prior())
     mean, covariance = sandwich(
         np.vstack([H, np.diag(1.0 / STD)]), np.append(y, MEAN / STD), np.vstack([B, np.zeros((5, 3))])
     )
@@ -343,7 +347,7 @@ def test_units_of_unknowns_do_not_matter_to_any_step(seed: int, exponents: list[
     H, y, B = rng.normal(size=(9, 5)), rng.normal(size=9), rng.normal(size=(9, 2))
 
     def found(scale: np.ndarray) -> Information:
-        known = Information.prior(BLOCKS, MEAN / scale, STD / scale, 2).add(H * scale, y, B)
+        known = prior(MEAN / scale, STD / scale, 2).add(H * scale, y, B)
         return known.marginal(("motion", "place"))
 
     here, there = found(np.ones(5)), found(unit)

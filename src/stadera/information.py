@@ -129,13 +129,6 @@ class Information:
         return cls(layout, np.zeros((n, n)), np.zeros(n), np.zeros((n, considered)))
 
     @classmethod
-    def prior(cls, unknowns: Unknowns | Iterable[str], mean: Array, std: Array, considered: int = 0) -> Information:
-        """Prior of independent unknowns with these means and standard deviations, (n,), unaffected by considered
-        errors.
-        """
-        return cls(_layout(unknowns), np.diag(1.0 / std), mean / std, np.zeros((len(mean), considered)))
-
-    @classmethod
     def of(cls, rows: Iterable[Rows], unknowns: Unknowns | Iterable[str]) -> Information:
         """Sums up a stream of rows on scalar unknowns. Memory does not grow with the length of the stream.
 

@@ -6,7 +6,7 @@ move, `stadera.body` computes what that changes.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -47,12 +47,8 @@ class ExtraJoints:
     @cached_property
     def lumped(self) -> InertialParameters:
         """All links together at the reference, trunk frame."""
-        return sum(self._placed(self.reference), InertialParameters.zero())
-
-    def first_moment(self, position: Array) -> Array:
-        """Change of the links' first moment, trunk frame, from the reference to a position (k,): (3,) [kg·m]."""
-        moved = sum((body.first_moment for body in self._placed(position)), np.zeros(3))
-        return np.asarray(moved - self.lumped.first_moment)
+        placed = zip(self.bodies, self.poses(self.reference), strict=True)
+        return sum((body.transformed(*pose) for body, pose in placed), InertialParameters.zero())
 
     def states(self, recorded: OtherJoints | None, samples: int) -> Array:
         """Positions, velocities and efforts, (samples, 3 k), of what was recorded, joints that were not at the
@@ -69,11 +65,6 @@ class ExtraJoints:
                     if values is not None:
                         out[:, part * count + self.joints.index(joint)] = values[:, k]
         return out
-
-    def _placed(self, position: Array) -> Sequence[InertialParameters]:
-        """Each link in the trunk frame."""
-        poses = self.poses(position)
-        return [body.transformed(*pose) for body, pose in zip(self.bodies, poses, strict=True)]
 
     def poses(self, position: Array) -> list[tuple[Array, Array]]:
         """Rotation and origin [m] of each link in the trunk frame."""
