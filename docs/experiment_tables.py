@@ -161,7 +161,8 @@ def tables(name: str, records: list[Record]) -> Iterator[str]:
     elif name == "identified":
         yield whole_robots(records)
     elif name == "alarms":
-        yield crossed(records, case("errors", "motion"), case("metric"), "errors, motion")
+        shown = [r for r in records if r["metric"] != "falls" or r["value"]]
+        yield crossed(shown, case("errors", "motion"), case("metric"), "errors, motion")
     elif name == "humanoids":
         yield crossed(records, case("load", "errors"), case("metric"), "load, errors")
     elif name == "faults":

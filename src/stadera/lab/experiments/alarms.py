@@ -31,7 +31,7 @@ PAPER = Paper.of("alarms")
 
 ROBOTS = ("hyq", "go2", "anymal_c", "b1")
 SCENARIOS = ("errands", "crawl", "shake")
-SEEDS = {"standard": 5, "harsh": 2}
+SEEDS = {"standard": 5, "harsh": 1}
 
 
 @dataclass(frozen=True)
