@@ -343,6 +343,25 @@ def test_a_load_in_a_hand_is_found_and_weighed_there(name: str, link: str) -> No
     assert [(change.kind, change.at) for change in estimator.changes] == [("on", link), ("off", link)]
 
 
+def test_friction_of_the_legs_and_noise_of_an_arm_do_not_hide_what_it_holds() -> None:
+    """Knees and hips of a humanoid hold with more than the load's weight, now one way and now the other, and an arm
+    that moves slowly has accelerations that are noise in single blocks.
+    """
+    robot, rng = of_file("g1"), np.random.default_rng(4)
+    extra = robot.extra
+    assert extra is not None
+    link, n = "left_wrist_yaw_link", len(extra.joints)
+    samples = swaying(robot, IN_HAND, 0.3, (extra.joints[extra.links.index(link)],))
+    limits = np.array([robot.limits[joint].effort for joint in robot.tree.joints])
+    held = 0.04 * limits * np.sign(waves(rng, samples.time, np.ones(len(limits)))[0])
+    noisy = samples.extra + np.repeat([0.0, 0.06, 0.0], n) * rng.standard_normal(samples.extra.shape)
+    found = after_tare(robot, replace(samples, effort=samples.effort + held, extra=noisy)).payload
+    assert found is not None
+    assert found.at == link
+    assert found.mass == pytest.approx(IN_HAND.mass, abs=0.004 * robot.mass)
+    assert abs(found.mass - IN_HAND.mass) < 3.0 * found.mass_std
+
+
 @pytest.mark.parametrize(("on", "seed"), [(None, 1), (None, 3), ("left_wrist_yaw_link", 1), ("left_wrist_yaw_link", 2)])
 def test_noise_of_a_g1_that_stands_is_no_load_elsewhere(on: str | None, seed: int) -> None:
     """With errors as of real robots: rows at rest share one friction, and noise of accelerations tells no place."""

@@ -30,7 +30,7 @@ def summed(errors: np.ndarray, robust: bool) -> tuple[np.ndarray, RobustWeights,
     )
     for k, error in enumerate(errors):
         rows = block(k, error, rng)
-        given.append(weights.weight(rows, segment, np.zeros(ERRORS)) if robust else 1.0)
+        given.append(weights.weight(rows.columns, segment, np.zeros(ERRORS)) if robust else 1.0)
         segment = segment.add(WeightedRows(rows.time, rows.columns, rows.white, given[-1]))
     return segment.mean(np.zeros(ERRORS)), weights, given
 

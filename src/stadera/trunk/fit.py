@@ -12,6 +12,9 @@ inertia and lag were estimated from the same rows, so their errors follow the sa
 e f, with f the column of Σ that belongs to e over its variance e², plus others whose covariance is Σ - e² f fᵀ. The
 first leave the energy fᵀ D f in place of that of the differences, E_m is that of the others, and neither can be
 negative. Products of D and Σ have cross terms of the two, which can.
+
+Rows of limbs are in the unit of their residual before the tare, so they have a misfit of their own, and the larger one
+counts.
 """
 
 from __future__ import annotations
@@ -54,8 +57,6 @@ _CAUSES = {
     "torque_lag": "torques that are late",
     "velocity_lag": "joint velocities that are late",
     "limb_mass": "masses of the links of arms and other limbs",
-    "limb_coulomb": "Coulomb friction in arms and other limbs",
-    "limb_offset": "constant torque errors of arms and other limbs",
 }
 
 
@@ -65,7 +66,7 @@ class Fit:
 
     Attributes:
         misfit: variance of the residual divided by the expected one.
-        sums: see `Segment.remainder`. errors: p̂. layout: their places.
+        sums: see `RowSums.remainder`. errors: p̂. layout: their places.
         white: E_w.
     """
 
@@ -88,7 +89,11 @@ class Fit:
         square = float(sums[0, 0] - (sums[1:, 0] + along) @ p)
         of_sampling, stated = errors.energies(sums)
         noise = white + 0.5 * max(of_sampling - white, 0.0)
-        return cls(max(square, 0.0) / max(noise + stated, 1e-300), sums, p, noise, errors.layout)
+        misfit = max(square, 0.0) / max(noise + stated, 1e-300)
+        if rows.limb_count:
+            expected = rows.limb_count + sum(errors.energies(rows.of_limbs))
+            misfit = max(misfit, float(rows.of_limbs[0, 0]) / expected)
+        return cls(misfit, sums, p, noise, errors.layout)
 
     @cached_property
     def remainder(self) -> Array:

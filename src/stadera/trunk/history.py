@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
+from dataclasses import replace
 from math import exp, sqrt
 from typing import NamedTuple
 
@@ -21,7 +22,8 @@ from stadera.types import Array
 class RobustWeights:
     """Weights of blocks by their residuals, as if these had Student's t distribution with ν degrees of freedom.
 
-    A block of n = 6 rows whose mean square is q times the usual one u counts for
+    A block of n rows, 6 of the trunk or one of each joint of the limbs, whose mean square is q times the usual one u
+    counts for
 
         w = (ν + n) / (ν + n q),      u = Σ w |r|² / (n Σ w)
 
@@ -29,27 +31,41 @@ class RobustWeights:
     Assoc. 84 (1989) 881). u is averaged over the latest blocks. Without them impacts and slips decide: masses of one
     robot's walks differ twice as much.
 
+    Args:
+        least: least of u [1]; None for `OutlierSettings.least_usual`. each: each row has a usual square of its own, and
+            q is the mean of their ratios; else all n have one.
+
     Attributes:
-        usual: u [1], in the rows' unit; NaN before any. count: number of blocks that it is an average of.
+        usual: u (n,), or one for all [1], in the rows' unit; NaN before any. count: number of blocks that it is an
+            average of.
     """
 
-    def __init__(self, settings: OutlierSettings) -> None:
-        self._settings = settings
-        self.usual, self.count = np.nan, 0.0
+    def __init__(self, settings: OutlierSettings, least: float | None = None, each: bool = False) -> None:
+        self._settings, self._each = settings, each
+        self._least = settings.least_usual if least is None else least
+        self.usual, self.count = np.array(np.nan), 0.0
 
-    def weight(self, rows: WeightedRows, known: Segment, errors: Array) -> float:
-        """w of a block, given the estimate and model errors p̂ (errors,); one before there are enough rows."""
+    @property
+    def noise(self) -> Array:
+        """u, or the least; one before any."""
+        return np.maximum(self._least, self.usual) if self.count else np.array(1.0)
+
+    def weight(self, columns: Array, known: Segment, errors: Array) -> float:
+        """w of a block of rows (n, ...), given the estimate and model errors p̂ (errors,); one before there are enough
+        rows.
+        """
         settings = self._settings
-        if known.blocks < (settings.enough if np.isnan(self.usual) else settings.afresh):
+        if known.blocks < (settings.afresh if self.count else settings.enough):
             return 1.0
-        residual = rows.columns @ known.combination(errors)
-        square = float(residual @ residual) / len(residual)
-        if np.isnan(self.usual):
+        residual = columns @ known.combination(errors)
+        square = residual * residual if self._each else np.asarray(residual @ residual / len(residual))
+        if not self.count:
             self.usual = square
         freedom, n = settings.freedom, len(residual)
-        weight = (freedom + n) / (freedom + n * square / max(self.usual, settings.least_usual))
+        ratio = float(np.mean(square / np.maximum(self.usual, self._least)))
+        weight = (freedom + n) / (freedom + n * ratio)
         self.count = min(self.count + 1.0, settings.remembered)
-        self.usual += weight * (square - self.usual) / self.count
+        self.usual = self.usual + weight * (square - self.usual) / self.count
         return weight
 
 
@@ -104,7 +120,8 @@ class History:
         self.before: Segment | None = None
         self._divided = False  # a load began since the tare
         sizes = settings.model
-        self._of_limbs = float(np.hypot(sizes.limbs * sizes.coulomb, sizes.offset)) * limb_limits(robot)
+        of_limbs = float(np.hypot(sizes.limbs * sizes.coulomb, sizes.offset))
+        self._of_limbs = of_limbs * limb_limits(robot)
         self._wide = wide_prior(robot)
         self._unit = unit_of_rows(robot_weight(robot), robot.leg_length)
         few = robot.unfelt_std[list(layout.unfelt)]
@@ -122,6 +139,8 @@ class History:
         self._loaded: deque[Segment | None] = deque([None])  # likewise, by the rows since the tare alone
         self._unused = 0  # next blocks that still contain samples before the tare
         self._robust, self._since_tare = RobustWeights(settings.outliers), RobustWeights(settings.outliers)
+        self._robust_limbs = RobustWeights(settings.outliers, (sizes.offset / of_limbs) ** 2, each=True)
+        self._limbs: list[Array] = []
 
     @property
     def current(self) -> Segment:
@@ -153,7 +172,7 @@ class History:
     @property
     def noise(self) -> float:
         """Variance of the rows' residuals in their unit [1]; one before any."""
-        return max(self._settings.outliers.least_usual, self._robust.usual) if self._robust.count else 1.0
+        return float(self._robust.noise)
 
     @property
     def oldest(self) -> Segment:
@@ -161,9 +180,9 @@ class History:
         return self._known[0]
 
     @property
-    def prior_size(self) -> float:
-        """ln |R| of the present load before any row: minus the sum of the logarithms of its standard deviations."""
-        return -float(np.log(self._settings.after_change * self._wide).sum())
+    def wide_load(self) -> Array:
+        """Standard deviations (10,) of a load before any row."""
+        return self._settings.after_change * self._wide
 
     @property
     def since_load(self) -> Segment | None:
@@ -172,7 +191,11 @@ class History:
 
     @property
     def total(self) -> RowSums:
-        """Sums over all loads. Rows in which a change may still be detected do not count against the model."""
+        """Sums over all loads. Rows in which a change may still be detected do not count against the model. A load in a
+        hand, of which the trunk's rows tell little, is one without a change too: those since the tare count apart.
+        """
+        if self._places and self.tare is not None and self.loaded is not None:
+            return self._sum((*self.finished, self.tare, self.loaded))
         enough = self.aged.blocks >= self._settings.outliers.enough or self.finished
         last = self.aged if enough else self.current
         return self._sum((last,)) if self._earlier is None else self._earlier.plus(last)
@@ -181,9 +204,11 @@ class History:
         """Adds a block, and returns its rows with their weight; `errors` are p̂."""
         keep = exp(-made.elapsed / self._settings.memory)
         rows = weighted(made, self._unit, self._of_limbs, self._unfelt, self._friction, self._static)
+        rows = self._with_limbs(rows, errors)
         felt = self.current.felt(rows)
-        rows = rows.weighing(self._slides(felt, self.current) * self._robust.weight(felt, self.current, errors))
-        self._known.append(self.current.add(felt.weighing(rows.weight), keep * self._kept(rows, self.current)))
+        rows = rows.weighing(self._slides(felt, self.current) * self._robust.weight(felt.columns, self.current, errors))
+        keeping = keep * self._kept(rows, self.current)
+        self._known.append(self.current.add(felt.weighing(rows.weight), keeping, louder=self.noise))
         self.recent.append(rows)
         self.blocks += 1
         loaded = self.loaded
@@ -191,9 +216,9 @@ class History:
             self._unused -= 1
             if self._unused < 0:  # weighted by residuals from the present load: the estimate may be of the one before
                 felt = loaded.felt(rows)
-                weight = self._slides(felt, loaded) * self._since_tare.weight(felt, loaded, errors)
+                weight = self._slides(felt, loaded) * self._since_tare.weight(felt.columns, loaded, errors)
                 keep *= self._kept(rows, loaded)
-                loaded = loaded.add(felt.weighing(weight), keep, remainder=self._places > 0)
+                loaded = loaded.add(felt.weighing(weight), keep, remainder=self._places > 0, louder=self.noise)
         self._loaded.append(loaded)
         if len(self.recent) > 2 * self._settings.changes.pending:
             self.recent.popleft()
@@ -201,12 +226,33 @@ class History:
             self._loaded.popleft()
         return rows
 
+    def _with_limbs(self, rows: WeightedRows, errors: Array) -> WeightedRows:
+        """The block with the mean of the limbs' rows over blocks that share one error, in the unit of their residuals,
+        once they are complete, else with none. What is usual, and what is not, is told by those before the tare: since
+        then a load may be where none is assumed yet.
+
+        An arm moves slowly: its accelerations in a single block are noise, in the columns of a load and, times the
+        arm's inertia, in the target, which makes the load too light. In a mean over more blocks they cancel.
+        """
+        if rows.limbs is None:
+            return rows
+        self._limbs.append(rows.limbs)
+        count = round(self._settings.swing.repeated)
+        if len(self._limbs) < count:
+            return replace(rows, limbs=None)
+        mean = np.mean(self._limbs, axis=0)
+        self._limbs.clear()
+        unit = np.sqrt(self._robust_limbs.noise)
+        weight = self._robust_limbs.weight(mean, self.current, errors) if self.loaded is None else 1.0
+        return replace(rows, limbs=mean / np.reshape(unit, (-1, 1)), limb_weight=count * weight)
+
     def set_tare(self, errors: Array) -> None:
         """Makes the present trunk the tare. Later rows are summed separately too."""
         self.tare = self.before = self.current.with_load(None)
         self._divided = False
         self._unused = self._settings.changes.spoilt
         self._since_tare = RobustWeights(self._settings.outliers)
+        self._limbs.clear()
         self._loaded[-1] = self._widened(self.current, errors)
 
     def begin_load(self, blocks: int, errors: Array) -> Known:
@@ -221,10 +267,14 @@ class History:
         self._divided = True
         self._set((*self.finished[-3:], before))
         self._begin(self._widened(before, errors), (), None)
-        for rows in recent[len(recent) - blocks + spoilt :]:  # weights were those of residuals from the earlier load
-            felt = self.current.felt(rows)
-            self.recent.append(rows.weighing(self._slides(felt, self.current)))
-            self._known.append(self.current.add(felt.weighing(self.recent[-1].weight), self._kept(rows, self.current)))
+        both = round(self._settings.swing.repeated) - spoilt  # blocks whose limbs' means may contain both loads
+        for k, rows in enumerate(recent[len(recent) - blocks + spoilt :]):
+            alone = rows if k >= both else replace(rows, limbs=None)
+            felt = self.current.felt(alone)
+            # weights were those of residuals from the earlier load
+            self.recent.append(alone.weighing(self._slides(felt, self.current)))
+            felt, kept = felt.weighing(self.recent[-1].weight), self._kept(rows, self.current)
+            self._known.append(self.current.add(felt, kept, louder=self.noise))
             self._loaded.append(None)
         return known
 
@@ -262,8 +312,7 @@ class History:
 
     def _widened(self, known: Segment, errors: Array) -> Segment:
         """A prior for the trunk under another load."""
-        wide = self._settings.after_change * self._wide
-        return Segment.prior(known.mean(errors), wide, self._layout, self._places, self._held)
+        return Segment.prior(known.mean(errors), self.wide_load, self._layout, self._places, self._held)
 
     @property
     def _held(self) -> Held | None:

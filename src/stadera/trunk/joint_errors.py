@@ -8,9 +8,10 @@ joints (`SwingJoints`), so p is estimated by least squares around its prior, of 
 with p_s and P of the legs in the air and, for all other errors, zero and their prior size. With P = L Lᵀ,
 S = L (1 + Lᵀ M L/σ²)⁻¹ Lᵀ. σ² is the variance of the residual that p̂ leaves, times the number of rows that share one
 error: `repeated`, as long as a swing or stance lasts, and more in proportion once there are more than `returning`, or
-`strides` in a walk, since the errors of friction laws and impacts return with every step. Were σ² constant, p̂ would
-follow these errors, and the noise in its own columns, the more the longer a log is: trunks of real walks would become
-lighter by a quarter from 10 to 37 s, and noise alone would make a trot's lighter by 4 % in a minute.
+`strides` in a walk, since the errors of friction laws and impacts return with every step. Rows of limbs have a σ² of
+their own. Were σ² constant, p̂ would follow these errors, and the noise in its own columns, the more the longer a log
+is: trunks of real walks would become lighter by a quarter from 10 to 37 s, and noise alone would make a trot's lighter
+by 4 % in a minute.
 
 Not estimated, but considered (Schmidt), are errors c that may change with the load, that no residual shows or that are
 noise: static friction, the common scale of all torques, noise of the matrix. They add
@@ -96,32 +97,33 @@ class Errors:
 
     def _learn(self, root: _Root, rows: RowSums, learnt: slice) -> Array:
         """Updates mean and covariance of the errors that are estimated. Returns S M_c/σ², by these and the rest."""
-        products, p, joints = rows.in_motion[1:, 1:][learnt], self.mean[learnt], self.layout.by_swing
-        right = rows.in_motion[1:, 0][learnt]
-        v = right - products[:, joints] @ p[joints]
-        before = float(rows.in_motion[0, 0] - (right + v) @ p)
-        normal, along = root.after(root.after(products[:, learnt]).T), root.after(v[None])[0]
-        square, each, loud, factor, found = before, 1.0, rows.repeats, normal, along
+        p = self.mean[learnt]
+        sums = [(rows.in_motion, 6.0 * rows.weight)]
+        if rows.limb_count:
+            sums.append((rows.of_limbs, rows.limb_count))
+        parts = [_Quadratic.of(each, p, root) for each, _ in sums]
+        louds, found = [rows.repeats] * len(sums), np.zeros(len(p))
         for _ in range(2):  # the second pass uses the first one's residual
-            each = max(square / (6.0 * rows.weight), QUIETEST)
-            loud = rows.repeats * each
-            system = normal / loud
+            each = [max(part.at(found) / count, QUIETEST) for part, (_, count) in zip(parts, sums, strict=True)]
+            louds = [rows.repeats * variance for variance in each]
+            system = np.sum([part.normal / loud for part, loud in zip(parts, louds, strict=True)], axis=0)
             system.flat[:: len(system) + 1] += 1.0
             factor = lapack.dpotrf(system)[0]
-            found = lapack.dpotrs(factor, along / loud)[0]
-            square = before - float(found @ (2.0 * along - normal @ found))
-        self._loud, self.scatter, inverse = loud, rows.repeated * each, inverse_of(factor)
+            along = np.sum([part.along / loud for part, loud in zip(parts, louds, strict=True)], axis=0)
+            found = lapack.dpotrs(factor, along)[0]
+        self.scatter, inverse = rows.repeated * each[0], inverse_of(factor)
+        self._weighed = np.sum([total / loud for (total, _), loud in zip(sums, louds, strict=True)], axis=0)
         self.mean[learnt] += root.before(found[:, None])[:, 0]
         S = root.before(root.before(inverse).T)
         self.covariance[learnt, learnt] = 0.5 * (S + S.T)
-        return np.asarray(S @ products[:, learnt.stop :] / loud)
+        return np.asarray(S @ self._weighed[1:, 1:][learnt, learnt.stop :])
 
     def evidence(self, rows: RowSums, model: ErrorModel, swing: SwingJoints) -> tuple[Array, Array]:
         """What loaded legs and legs in the air tell the errors before any row: A (learnt, learnt) and c (learnt,) of
         `stadera.trunk.sizes`.
         """
         learnt, by_swing = self.layout.learnt, self.layout.by_swing
-        normal, right = rows.in_motion[1:, 1:][learnt, learnt] / self._loud, rows.in_motion[1:, 0][learnt] / self._loud
+        normal, right = self._weighed[1:, 1:][learnt, learnt].copy(), self._weighed[1:, 0][learnt].copy()
         in_air = swing.information
         normal[by_swing, by_swing] += in_air[0]
         right[by_swing] += in_air[1]
@@ -184,11 +186,11 @@ class Errors:
     def load_covariance(self, load: Told) -> Array:
         """Covariance of a load elsewhere than on the trunk, (n, n). Errors that may change with it do not cancel."""
         K, done = load.sensitivity, 0
-        total = self.of_rows(load) + K @ self.covariance @ K.T
+        total = self.of_rows(load) + K @ self.lasting @ K.T
         for place, own in self._changing:
-            before = load.before[:, done : done + len(own)]
-            across = (K[:, place] - before) @ own @ before.T
-            total, done = total - across - across.T, done + len(own)
+            before, done = load.before[:, done : done + len(own)], done + len(own)
+            for part in (before, K[:, place] - before):
+                total += part @ own @ part.T
         return np.asarray(0.5 * (total + total.T))
 
     def alike(self, *loads: Segment) -> float:
@@ -234,6 +236,28 @@ class Errors:
         D, column, own = products[1:, 1:], self.covariance[:, at], self.covariance[at, at]
         sampling = float(column @ D @ column / own)
         return sampling, float(np.einsum("ij,ji->", D, self.covariance)) - sampling
+
+
+@dataclass(frozen=True, eq=False)
+class _Quadratic:
+    """The energy of residuals that errors p + L x leave: least (1,), less 2 along x, more xᵀ normal x."""
+
+    least: float
+    along: Array
+    normal: Array
+
+    @classmethod
+    def of(cls, products: Array, p: Array, root: _Root) -> _Quadratic:
+        """Of products of target and errors, of which the first are estimated, p."""
+        n, joints = len(p), len(root.joints)
+        M, right = products[1 : 1 + n, 1 : 1 + n], products[1 : 1 + n, 0]
+        v = right - M[:, :joints] @ p[:joints]
+        normal = root.after(root.after(M).T)
+        return cls(float(products[0, 0] - (right + v) @ p), root.after(v[None])[0], normal)
+
+    def at(self, x: Array) -> float:
+        """The energy."""
+        return self.least - float(x @ (2.0 * self.along - self.normal @ x))
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,7 +6,8 @@ that is added to it changes
     the trunk's rows:     A θ - (∂b/∂φ_k) φ + C p = b
     a limb's joint j:     r_jᵀ X_k φ + I_r q̈ + b q̇ + c s + o + g τ + √(1 - s²) p_s + Σ_i r_jᵀ X_i δφ_i = τ - h
 
-for all joints j between it and the trunk; δφ_i of masses and centres of the limb's own links. ∂b/∂φ_k are
+for all joints j between it and the trunk, with p_s only while the joint rests: as it turns back its friction changes
+sign with it, which is noise; δφ_i of masses and centres of the limb's own links. ∂b/∂φ_k are
 `State.columns`, which are -X_k for a link outside the legs, and r_j takes a wrench to the torque that joint j needs.
 So a hand that holds still tells by its arm's torques what it holds, and one that moves by the trunk's rows too.
 """
@@ -106,11 +107,12 @@ class LimbRows:
             sums["by_links"][rests] = state.columns
             sums["limb_columns"][rests] = self._columns(state) * known[..., None, None]
 
-    def rows(self, sums: Mapping[str, Array], by_mass_and_centre: Array) -> Array:
+    def rows(self, sums: Mapping[str, Array], by_mass_and_centre: Array, still: Bools) -> Array:
         """Columns (B, l, 10 + 1 + errors + loads) of A, b, C and of what a load does, of B windows' sums.
 
         Args:
             by_mass_and_centre: (links of the body, 10, 4), derivatives of each link's parameters.
+            still: as of `quieten`.
         """
         layout, count, columns = self._layout, len(self.joints), sums["limb_columns"]
         out = np.zeros((len(columns), count, 11 + layout.count + 10 * len(self._places)))
@@ -120,7 +122,7 @@ class LimbRows:
             C[:, each, layout.places[name].start + each] = terms[..., k]
         # by the mean direction s: noise of single velocities is no motion
         stuck = np.sqrt(np.maximum(terms[..., 3] ** 2 - terms[..., 2] ** 2, 0.0))
-        C[:, each, layout.places["limb_stiction"].start + each] = stuck
+        C[:, each, layout.places["limb_stiction"].start + each] = still * stuck
         own = by_mass_and_centre[self.joints]
         self._own(C, (columns[:, :, :count, None] @ own)[..., 0, :])
         out[:, :, 11 + layout.count :] = columns[:, :, count:].reshape(len(columns), count, -1)

@@ -3,18 +3,22 @@
 Before the load came, rows were summed up to R₀ θ + G₀ p = z₀, and since then to the triangle of
 `stadera.trunk.segment`. With Y the columns of those links of Q and L on which the load is, one least squares has all:
 
-    [ R₀     ] [θ]   [G₀]     [z₀]
-    [ R   Q_Y] [φ] + [G ] p = [z ]
-    [     L_Y]       [H ]     [y ]
+    [ R₀     ]       [G₀]     [z₀]
+    [ R   Q_Y] [θ]   [G ]     [z ]
+    [     L_Y] [φ] + [H ] p = [y ]
+    [     N_Y]       [J ]     [x ]
 
-A load on the trunk has the columns R themselves. What remains after θ and φ are eliminated, E = |z'' - G'' p|², is
-compared between places. With p normally distributed about zero, of covariance Σ₀, and rows of variance σ²,
+the last rows, of the limbs alone, times the root of `Segment.louder`. A load on the trunk has the columns R themselves.
+What remains after θ and φ are eliminated, E = |z'' - G'' p|², is compared between places. With p normally distributed
+about zero, of covariance Σ₀, and rows of variance σ²,
 
-    -2 ln P = min_p (E/σ² + pᵀ Σ₀⁻¹ p) + ln |1 + Σ₀ G''ᵀ G''/σ²| + 2 ln |R_φ| / |R_φ before any row|
+    -2 ln P = min_p (E/σ² + pᵀ Σ₀⁻¹ p) + ln |1 + Σ₀ G''ᵀ G''/σ²| + ln |1 + Φ (R_φᵀ R_φ - Φ⁻¹)/σ²|
 
-up to a constant, and with the same prior for the load wherever it is. σ² is the same for all places: that of the best
-one, times the number of rows that share one error. Static friction, which may change with the load, counts as two
-errors in p, one before it came and one since; what rows at rest leave beyond the triangles is noise, and left out.
+up to a constant, and with the same prior for the load wherever it is, of covariance Φ, which R_φ contains with unit
+noise. σ² is the same for all places: that of the best one, times the number of rows that share one error. Static
+friction, which may change with the load, counts as two errors in p, one before it came and one since; scales of torques
+are left out: target and their columns have the same noise, which a scale of nothing would explain. What rows at rest
+leave beyond the triangles is noise, and left out too.
 """
 
 from __future__ import annotations
@@ -87,7 +91,7 @@ class TrunkAndLoad:
         trunk, load: each alone. whole: both together, mass by mass.
         left: (..., 1 + errors), rows that are left; before: (..., changing), as of `Told`.
         columns: places of the load's columns among those of all loads.
-        size: ln |R_φ|.
+        root: (n, n), R_φ.
     """
 
     trunk: Told
@@ -95,7 +99,7 @@ class TrunkAndLoad:
     left: Array
     before: Array
     columns: Array
-    size: float
+    root: Array
 
     @property
     def whole(self) -> Told:
@@ -106,11 +110,16 @@ class TrunkAndLoad:
         return out
 
 
-def told(since: Segment, held: Held) -> TrunkAndLoad:
-    """What the rows since a load came tell of it and of the trunk, together with those before."""
-    layout, T, below, before = since.layout, since.triangle, since.below, held.before
+def told(since: Segment, held: Held, louder: float) -> TrunkAndLoad:
+    """What the rows since a load came tell of it and of the trunk, together with those before.
+
+    Args:
+        louder: as of `Segment`, with which the limbs' rows count.
+    """
+    layout, T, before = since.layout, since.triangle, held.before
     end, loads, count = 11 + layout.count, len(since.below), 10 + 10 * len(held.at)
-    of_trunk = np.vstack([T[:, :10], np.zeros((loads, 10))])
+    below = np.vstack([since.below, sqrt(louder) * since.limbs])
+    of_trunk = np.vstack([T[:, :10], np.zeros((len(below), 10))])
     elsewhere = np.vstack([T[:, end:], below[:, :loads]])
     columns = np.concatenate([10 * (k - 1) + np.arange(10) for k in held.at])
     at = [of_trunk if k == 0 else elsewhere[:, 10 * (k - 1) : 10 * k] for k in held.at]
@@ -120,7 +129,7 @@ def told(since: Segment, held: Held) -> TrunkAndLoad:
         [
             np.hstack([before.triangle[:, :10], np.zeros((10, count - 10)), earlier, earlier[:, 1 + changing]]),
             np.hstack(
-                [of_trunk, *at, np.vstack([T[:, 10:end], below[:, loads:]]), np.zeros((10 + loads, len(changing)))]
+                [of_trunk, *at, np.vstack([T[:, 10:end], below[:, loads:]]), np.zeros((len(of_trunk), len(changing)))]
             ),
         ]
     )
@@ -128,8 +137,8 @@ def told(since: Segment, held: Held) -> TrunkAndLoad:
     inverse = lapack.dtrtri(triangle[:, :count])[0]
     solved, width = inverse @ triangle[:, count:], 1 + layout.count
     whole = Told(inverse, solved[:, :width], solved[:, width:])
-    size = float(np.log(np.abs(triangle.diagonal()[10:count])).sum())
-    return TrunkAndLoad(whole.part(0, 10), whole.part(10, count), left[:, :width], left[:, width:], columns, size)
+    root = triangle[10:count, 10:count]
+    return TrunkAndLoad(whole.part(0, 10), whole.part(10, count), left[:, :width], left[:, width:], columns, root)
 
 
 def _changing(layout: ErrorLayout) -> NDArray[np.int64]:
@@ -138,7 +147,7 @@ def _changing(layout: ErrorLayout) -> NDArray[np.int64]:
 
 
 def log_odds(
-    since: Segment, before: Segment, places: Sequence[Blocks], covariance: Array, repeats: float, prior: float
+    since: Segment, before: Segment, places: Sequence[Blocks], covariance: Array, repeats: float, wide: Array
 ) -> Array:
     """ln P of a load at each of some places, up to a constant, (places,); see the module's text.
 
@@ -146,21 +155,20 @@ def log_odds(
         since: rows since the load came. before: those before it.
         covariance: Σ₀ (errors, errors), of the errors before any row.
         repeats: number of rows that share one error.
-        prior: ln |R_φ| of a load at one place before any row.
+        wide: (10,), roots of Φ's diagonal, of a load at one place.
     """
     size = np.sqrt(np.maximum(np.diagonal(covariance), 1e-300))
     correlation = covariance / np.outer(size, size)
     correlation.flat[:: len(size) + 1] += _ROUNDING
-    root = size[:, None] * np.linalg.cholesky(correlation)
-    changing = _changing(since.layout)
-    # of errors since the load came, and of those before it that may have changed
-    here, then = np.pad(root, ((0, 0), (0, len(changing)))), np.zeros((len(changing), len(root) + len(changing)))
-    then[:, len(root) :] = root[np.ix_(changing, changing)]
-    alone = since.with_load(None)
-    rest = alone.below[:, len(alone.below) :]
-    base = alone.in_motion - rest.T @ rest
+    root, changing = size[:, None] * np.linalg.cholesky(correlation), _changing(since.layout)
+    # of errors since the load came, and of those before it that may have changed; scales of torques explain nothing
+    shown = root[:, np.union1d(np.arange(since.layout.learnt.stop), changing)]
+    here = np.pad(shown, ((0, 0), (0, len(changing))))
+    then = np.zeros((len(changing), here.shape[1]))
+    then[:, shown.shape[1] :] = root[np.ix_(changing, changing)]
+    base = since.beyond
     normal, along = here.T @ base[1:, 1:] @ here, here.T @ base[1:, 0]
-    found = [told(since, Held(at, before)) for at in places]
+    found = [told(since, Held(at, before), since.louder) for at in places]
 
     def judged(loud: float) -> list[tuple[float, float]]:
         """Of each place, min (E + σ² pᵀ Σ₀⁻¹ p) and ln |1 + Σ₀ G''ᵀ G''/σ²|: of the rows that all have in common, and
@@ -183,11 +191,19 @@ def log_odds(
         return out
 
     least = min(energy for energy, _ in judged(repeats))
-    loud = repeats * max(least / max(since.count, 1.0), QUIETEST)
-    shares = zip(judged(loud), found, places, strict=True)
+    loud = repeats * max(least / max(since.count + since.limb_count, 1.0), QUIETEST)
     return np.array(
-        [-0.5 * (energy / loud + spread) - each.size + len(at) * prior for (energy, spread), each, at in shares]
+        [
+            -0.5 * (energy / loud + spread + _determined(each.root, wide, loud))
+            for (energy, spread), each in zip(judged(loud), found, strict=True)
+        ]
     )
+
+
+def _determined(root: Array, wide: Array, loud: float) -> float:
+    """ln |1 + Φ (R_φᵀ R_φ - Φ⁻¹)/σ²|, of R_φ (n, n) and the roots of Φ's diagonal for each ten unknowns."""
+    square = np.linalg.svd(root * np.tile(wide, len(root) // 10), compute_uv=False) ** 2
+    return float(np.log1p(np.maximum(square - 1.0, 0.0) / loud).sum())
 
 
 _ROUNDING = 1e-12  # of a variance: errors that are known exactly have a singular covariance

@@ -412,7 +412,7 @@ class RowMaker:
             A = trunk_matrix(signals)
             columns[:, :, 10] += A @ self.body.lumped  # the trunk contains the other joints' links at their reference
             self._limbs.add(columns, A, sums["by_links"], self._by_mass)
-            limbs = self._limbs.rows(sums, self._by_mass) if len(self._limbs.joints) else None
+            limbs = self._limbs.rows(sums, self._by_mass, held[:, J:]) if len(self._limbs.joints) else None
         by_terms = -sums["by_terms"].transpose(3, 0, 2, 1)  # (terms, B, 6, J)
         # signs such that positive static friction lifts the trunk, as in all joints of a robot that sags
         offset = by_terms[_TERMS.index("offset")]

@@ -12,9 +12,14 @@ A load elsewhere than on the trunk, of parameters φ in the links on which it ma
 have no θ, make the triangle go on below:
 
     [ R  Q ] [θ]   [G]     [z]
-    [    L ] [φ] + [H] p = [y]
+    [    L ]       [H]     [y]
+    [    N ] [φ] + [J] p = [x]
 
-Without a load elsewhere φ is zero. With one, see `stadera.trunk.placed`.
+the last rows are those of the limbs alone, in the unit of each joint's residual in the log. Legs and limbs err by
+different amounts, of which a model says nothing: friction of a humanoid's knees that hold in a sway is 10 % of its
+weight in single rows, while its arms' torques follow. So both are summed up apart, and the rows of the limbs count with
+the variance of the trunk's rows, `Segment.louder`. Without a load elsewhere φ is zero. With one, see
+`stadera.trunk.placed`.
 
 A robot that is loaded sags a little, and then static friction holds a part of the load until the joints have moved
 again, by a step or a sway: a crawl seems to carry 3 to 10 % of the robot less than it does for two seconds. Friction of
@@ -42,6 +47,8 @@ from stadera.trunk.error_model import ErrorLayout
 from stadera.trunk.placed import Held, Told, TrunkAndLoad, folded, told
 from stadera.types import Array, Bools
 
+_OF_LIMBS = 2  # place of their remainder, after those of blocks at rest and in motion
+
 
 @dataclass(frozen=True, eq=False)
 class WeightedRows(Equations):
@@ -49,9 +56,10 @@ class WeightedRows(Equations):
 
     Attributes:
         time: of the last sample [s].
-        columns: (6, ...), of A, b, C and loads. limbs: (joints, ...), None if there are none.
+        columns: (6, ...), of A, b, C and loads. limbs: (joints, ...), means over several blocks in the unit of their
+            residuals, None in blocks that do not complete them.
         white: variance of the white noise, summed over the six rows [1].
-        weight: of the rows in sums [1], see `stadera.trunk.history.RobustWeights`.
+        weight, limb_weight: of the rows in sums [1], see `stadera.trunk.history.RobustWeights`.
         share: of the six rows that friction does not hide [1].
         slides: (2, joints), joints that slide forward, and backward.
         hidden: (6, joints), √n H of the module's text; None if it is taken into account.
@@ -67,6 +75,7 @@ class WeightedRows(Equations):
     hidden: Array | None = None
     stepping: bool = False
     limbs: Array | None = None
+    limb_weight: float = 1.0
 
     @property
     def sliding(self) -> float:
@@ -90,11 +99,12 @@ class Segment:
     Attributes:
         layout: places of the errors.
         triangle: (10, 10 + 1 + errors + loads), R, z, G and Q.
-        count: number of rows, with forgetting.
+        count, limb_count: number of rows, with forgetting.
         white: Σ of the rows' white variance [1].
         blocks: number of blocks.
         moved: sum of the weights of blocks in which the robot moves [1]. stepped: of those in which it walks.
-        below: (loads, loads + 1 + errors), L, y and H.
+        below, limbs: (loads, loads + 1 + errors), L, y and H, and N, x and J.
+        louder: variance of the trunk's rows in their unit [1]; that of the limbs' is one.
         held: where a load is that the trunk does not contain, and the trunk without it; None if there is none.
         slid: (2, joints), joints that have slid forward, and backward, since the first row.
     """
@@ -109,7 +119,10 @@ class Segment:
     below: Array = field(default_factory=lambda: np.zeros((0, 0)))
     held: Held | None = None
     slid: Bools = field(default_factory=lambda: np.zeros((2, 1), dtype=bool))
-    _last: list[tuple[Segment, float, Array, bool]] = field(default_factory=list, repr=False)
+    limbs: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    limb_count: float = 0.0
+    louder: float = 1.0
+    _last: list[tuple[Segment, float, tuple[tuple[int, Array], ...]]] = field(default_factory=list, repr=False)
 
     @classmethod
     def prior(cls, mean: Array, std: Array, layout: ErrorLayout, places: int = 0, held: Held | None = None) -> Segment:
@@ -120,24 +133,26 @@ class Segment:
         triangle, below = np.zeros((10, width + 10 * places)), np.zeros((10 * places, 10 * places + width - 10))
         triangle[:, :10], triangle[:, 10] = np.diag(1.0 / std), mean / std
         below[:, : 10 * places] = np.diag(np.tile(1.0 / std, places))
-        return cls(layout, triangle, below=below, held=held)
+        return cls(layout, triangle, below=below, held=held, limbs=np.zeros_like(below))
 
-    def add(self, rows: WeightedRows, keep: float = 1.0, remainder: bool = True) -> Segment:
+    def add(
+        self, rows: WeightedRows, keep: float = 1.0, remainder: bool = True, louder: float | None = None
+    ) -> Segment:
         """Returns the segment with one more block, the weight of everything before it multiplied by `keep`.
 
         Args:
-            remainder: keep what `remainder` needs.
+            remainder: keep what `remainder` needs. louder: see `Segment`; None as it is.
         """
         rows = self.felt(rows)
-        below, root, weight = self.below, sqrt(rows.weight), rows.weight * rows.share
-        triangle, residue = folded(self.triangle, root * rows.columns, sqrt(keep), 10)
-        if loads := len(below):
-            more = residue if rows.limbs is None else np.vstack([residue, root * rows.limbs[:, 10:]])
-            more = np.hstack([more[:, -loads:], more[:, :-loads]])
-            below, residue = folded(below, more, sqrt(keep), loads)
-        elif rows.limbs is not None:
-            residue = np.vstack([residue, root * rows.limbs[:, 10:]])
-        moving = self.moves(rows)
+        weight = rows.weight * rows.share
+        triangle, residue = folded(self.triangle, sqrt(rows.weight) * rows.columns, sqrt(keep), 10)
+        below, residue = _folded_loads(self.below, residue, keep)
+        moving, limbs, limb_count = self.moves(rows), sqrt(keep) * self.limbs, keep * self.limb_count
+        left: tuple[tuple[int, Array], ...] = ((int(moving), residue),)
+        if rows.limbs is not None:
+            limbs, residue = _folded_loads(limbs, sqrt(rows.limb_weight) * rows.limbs[:, 10:], 1.0)
+            left = (*left, (_OF_LIMBS, residue))
+            limb_count += rows.limb_weight * float(np.count_nonzero(rows.limbs.any(axis=1)))
         return Segment(
             self.layout,
             triangle,
@@ -149,7 +164,10 @@ class Segment:
             below,
             self.held,
             self.slid | rows.slides,
-            [(self, keep, residue, moving)] if remainder else [],
+            limbs,
+            limb_count,
+            self.louder if louder is None else louder,
+            [(self, keep, left)] if remainder else [],
         )
 
     def felt(self, rows: WeightedRows) -> WeightedRows:
@@ -192,25 +210,38 @@ class Segment:
 
     @property
     def remainder(self) -> Array:
-        """(1 + errors, 1 + errors), products of targets and errors, summed over all rows after eliminating θ, and φ if
-        there is a load elsewhere.
+        """(1 + errors, 1 + errors), products of targets and errors, summed over the trunk's rows after eliminating θ,
+        and φ if there is a load elsewhere.
         """
-        return self._remainders[0] + self.in_motion
+        left, (rest, moving, _) = self._left(0.0), self._remainders
+        return rest + moving + left.T @ left
+
+    @property
+    def of_limbs(self) -> Array:
+        """The same of the limbs' rows, after eliminating φ."""
+        return self._remainders[2]
 
     @property
     def in_motion(self) -> Array:
-        """The same of blocks in which the robot moves."""
-        moving, left = self._remainders[1], self._left
-        return moving if not len(left) else moving + left.T @ left
+        """The same as `remainder` of blocks in which the legs move; what is left of the triangle is of limbs too."""
+        left = self._left(self.louder)
+        return self._remainders[1] + left.T @ left
 
     @property
-    def _left(self) -> Array:
+    def beyond(self) -> Array:
+        """The same of blocks in which the legs move, and of limbs, without what a load somewhere may explain."""
+        return self._remainders[1] + self.louder * self.of_limbs
+
+    def _left(self, louder: float) -> Array:
         """(..., 1 + errors), rows of the triangle that are left."""
-        return self._load.left if self._load is not None else self.below[:, len(self.below) :]
+        if self.held is not None:
+            return self._load.left if self._load and louder == self.louder else told(self, self.held, louder).left
+        loads = len(self.below)
+        return np.vstack([self.below[:, loads:], sqrt(louder) * self.limbs[:, loads:]])
 
     @cached_property
     def _load(self) -> TrunkAndLoad | None:
-        return None if self.held is None else told(self, self.held)
+        return None if self.held is None else told(self, self.held, self.louder)
 
     @property
     def whole(self) -> Told | Segment:
@@ -223,21 +254,22 @@ class Segment:
         return None if self._load is None else self._load.load
 
     @cached_property
-    def _remainders(self) -> tuple[Array, Array]:
-        """Of blocks at rest, and of blocks in motion.
+    def _remainders(self) -> tuple[Array, Array, Array]:
+        """Of blocks at rest, of blocks in motion, and of limbs.
 
         Each block adds the products of the rows that it leaves. They are summed on first use, over all blocks since the
         last segment whose remainders are known: one product of stacked rows instead of one a block.
         """
-        scale, residues, at = 1.0, ([], []), self  # type: float, tuple[list[Array], list[Array]], Segment
+        scale, residues, at = 1.0, ([], [], []), self  # type: float, tuple[list[Array], ...], Segment
         while at._last and "_remainders" not in at.__dict__:
-            before, keep, residue, moving = at._last[0]
-            residues[moving].append(sqrt(scale) * residue)
+            before, keep, left = at._last[0]
+            for kind, residue in left:
+                residues[kind].append(sqrt(scale) * residue)
             scale, at = scale * keep, before
         self._last.clear()
-        known = at.__dict__.get("_remainders", (None, None))
-        width = 1 + self.layout.count
-        return (_summed(residues[0], scale, known[0], width), _summed(residues[1], scale, known[1], width))
+        known, width = at.__dict__.get("_remainders", (None, None, None)), 1 + self.layout.count
+        rest, moving, limbs = (_summed(each, scale, own, width) for each, own in zip(residues, known, strict=True))
+        return rest, moving, limbs
 
     @property
     def inverse(self) -> Array:
@@ -289,6 +321,14 @@ class Segment:
     @cached_property
     def _solution(self) -> Array:
         return np.asarray(self._inverse @ self.triangle[:, 10 : 11 + self.layout.count])
+
+
+def _folded_loads(triangle: Array, rows: Array, keep: float) -> tuple[Array, Array]:
+    """`folded` by the columns of loads, which are the last ones of `rows` and the first of the triangle."""
+    loads = len(triangle)
+    if not loads:
+        return triangle, rows
+    return folded(triangle, np.hstack([rows[:, -loads:], rows[:, :-loads]]), sqrt(keep), loads)
 
 
 def _summed(residues: list[Array], scale: float, known: Array | None, width: int) -> Array:
@@ -357,8 +397,10 @@ class RowSums:
 
     Attributes:
         remainder: see `Segment.remainder`, over all blocks. in_motion: the same over blocks in which the robot moves.
+            of_limbs: the same of the limbs' rows.
         weight: sum of the weights of the blocks in motion [1]. stepped: of those in which the robot walks.
         repeated: number of successive rows with the same error [1], which persists through a swing or a stance.
+        limb_count: number of rows of the limbs.
         returning, strides: number of rows after which such errors have returned, so that further rows tell nothing new,
             and the same of rows of a walk [1].
         white: Σ of all rows' white variance [1].
@@ -372,13 +414,16 @@ class RowSums:
     returning: float = inf
     strides: float = inf
     stepped: float = 0.0
+    limb_count: float = 0.0
+    of_limbs: Array = field(default_factory=lambda: np.zeros((1, 1)))
 
     @classmethod
     def of(cls, segments: Sequence[Segment], repeated: float, returning: float = inf, strides: float = inf) -> RowSums:
         """Sums up segments of the same robot."""
         first, *others = segments
         sums = first.remainder, first.in_motion, first.moved
-        total = cls(*sums, repeated, first.white, returning, strides, first.stepped)
+        more = first.stepped, first.limb_count, first.of_limbs
+        total = cls(*sums, repeated, first.white, returning, strides, *more)
         for segment in others:
             total = total.plus(segment)
         return total
@@ -394,6 +439,8 @@ class RowSums:
             self.returning,
             self.strides,
             self.stepped + segment.stepped,
+            self.limb_count + segment.limb_count,
+            self.of_limbs + segment.of_limbs,
         )
 
     @property

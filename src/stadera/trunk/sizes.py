@@ -33,7 +33,9 @@ KINDS: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {
         "rotor": ("rotor",),
         "friction": ("viscous", "coulomb", "standstill"),
-        "offset": ("offset",),
+        "limb_friction": ("limb_viscous", "limb_coulomb"),
+        "limb_links": ("limb_mass", "limb_com"),
+        "offset": ("offset", "limb_offset"),
         "gain": ("gain",),
         "load_friction": ("load_friction",),
         "encoder": ("encoder",),
@@ -77,6 +79,7 @@ class Sizes:
         for kind, at in self._at.items():
             out[at] = self.by_kind[kind]
         out[self._layout.sticking] = self.by_kind["friction"]
+        out[self._layout.places["limb_stiction"]] = self.by_kind["limb_friction"]
         return out
 
     def update(self, normal: Array, right: Array) -> None:
@@ -87,6 +90,8 @@ class Sizes:
         F = inverse_of(lapack.dpotrf(system)[0])
         found = F @ (S * right)
         for kind, at in self._at.items():
+            if not len(at):
+                continue
             size = self.by_kind[kind]
             known, vectors = np.linalg.eigh(F[np.ix_(at, at)])
             known = np.clip(known, 1e-12, 1.0)

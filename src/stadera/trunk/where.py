@@ -68,7 +68,7 @@ class Whereabouts:
         trunk, most = self._model
         if abs(float(history.before.mean(errors.mean)[0]) - trunk) > most:
             return False  # torques of another scale, which an arm's own and the legs' do not show alike
-        odds = log_odds(since, history.before, self.candidates, errors.prior, repeats, history.prior_size)
+        odds = log_odds(since, history.before, self.candidates, errors.prior, repeats, history.wide_load)
         share = np.exp(odds - odds.max())
         self.probability = share / share.sum()
         best = self.candidates[int(np.argmax(odds))]

@@ -1,0 +1,109 @@
+"""Loads on limbs: their rows, and the odds of places, against dense normal distributions of all rows."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from stadera.trunk.error_model import QUIETEST, ErrorLayout
+from stadera.trunk.history import RobustWeights
+from stadera.trunk.placed import Held, log_odds
+from stadera.trunk.segment import Segment, WeightedRows
+from stadera.trunk.settings import OutlierSettings
+from stadera.types import Array
+
+LAYOUT = ErrorLayout(6, 6, 2, (3, 3), limbs=3)
+PLACES, BLOCKS, LOUDER = 2, 30, 7.0
+LOUD = 4.0  # variance of rows that repeat one error
+WIDE = np.array([3.0, *[1.0] * 3, *[0.5] * 6])
+SHOWN = np.isin(np.arange(LAYOUT.count), np.r_[(LAYOUT.learnt, *LAYOUT.changing)])
+"""Errors that residuals show, or that change with the load; scales of torques are neither."""
+
+
+def drawn(rng: np.random.Generator, at: int | None) -> list[WeightedRows]:
+    """Rows of a trunk and of a load at a place, with errors of the robot, the same in all logs."""
+    p, out = 0.005 * SHOWN * np.random.default_rng(1).standard_normal(LAYOUT.count), []
+    for k in range(BLOCKS):
+        trunk, limbs = rng.standard_normal((6, 11 + LAYOUT.count + 10 * PLACES)), rng.standard_normal((3, 11))
+        limbs = np.hstack([limbs, rng.standard_normal((3, LAYOUT.count + 10 * PLACES))])
+        limbs[:, :10] = trunk[:, -9:] = limbs[:, -9:] = 0.0  # of a load at the last place its mass alone is told
+        trunk[:, 11 + LAYOUT.sticking.start + 1 : 11 + LAYOUT.sticking.stop] = 0.0  # most joints move
+        for rows, noise in ((trunk, 0.01), (limbs, 0.01 / np.sqrt(LOUDER))):
+            load = rows[:, 11 + LAYOUT.count :].reshape(len(rows), PLACES, 10)
+            own = 0.0 if at is None else 0.2 * load[:, at].sum(axis=1)
+            rows[:, 10] = 0.1 * rows[:, :10].sum(axis=1) + own + rows[:, 11 : 11 + LAYOUT.count] @ p
+            rows[:, 10] += noise * rng.standard_normal(len(rows))
+        out.append(WeightedRows(0.02 * k, trunk, 1.0, limbs=limbs))
+    return out
+
+
+def summed(rows: list[WeightedRows]) -> Segment:
+    segment = Segment.prior(np.zeros(10), WIDE, LAYOUT, PLACES)
+    for each in rows:
+        segment = segment.add(each, louder=LOUDER)
+    return segment
+
+
+def likelihood(before: Segment, rows: list[WeightedRows], covariance: Array, at: int | None) -> float:
+    """ln of the density of all rows since the load, and of the triangle before it, for a load at a place; their noise
+    is `LOUD`.
+    """
+    root, end, changing = np.sqrt(LOUDER), 11 + LAYOUT.count, np.r_[tuple(LAYOUT.changing)]
+    since = np.vstack([np.vstack([each.columns, root * each.limbs]) for each in rows if each.limbs is not None])
+    A = np.vstack([before.triangle[:, :10], since[:, :10]])
+    load = since[:, :10] if at is None else since[:, end + 10 * at :][:, :10]
+    Y = np.vstack([np.zeros((10, 10)), load])
+    C = np.vstack([before.triangle[:, 11:end], since[:, 11:end]])
+    then = np.zeros((len(A), LAYOUT.count))
+    then[:10, changing], C[:10, changing] = C[:10, changing], 0.0  # other errors than those since
+    b = np.concatenate([before.triangle[:, 10], since[:, 10]])
+    flat = 1e4 * A @ A.T  # the trunk is known by the triangle
+    S = LOUD * np.eye(len(b)) + flat + Y @ np.diag(WIDE**2) @ Y.T
+    S += C @ covariance @ C.T + then @ covariance @ then.T
+    return float(-0.5 * (b @ np.linalg.solve(S, b) + np.linalg.slogdet(S)[1]))
+
+
+@pytest.mark.parametrize("at", [None, 0, 1])
+def test_odds_of_places_are_those_of_the_density_of_all_rows(at: int | None) -> None:
+    rng = np.random.default_rng(3)
+    before, rows = summed(drawn(rng, None)).with_load(None), drawn(rng, at)
+    covariance = 0.05**2 * np.eye(LAYOUT.count)
+    odds = log_odds(summed(rows), before, ((0,), (1,), (2,)), covariance, LOUD / QUIETEST, WIDE)
+    dense = np.array([likelihood(before, rows, SHOWN * covariance, place) for place in (None, 0, 1)])
+    np.testing.assert_allclose(
+        odds - odds[0], dense - dense[0], rtol=1e-3, atol=0.3
+    )  # the weak prior of the trunk is in the odds alone
+    if at is not None:
+        assert int(np.argmax(odds)) == 1 + at
+
+
+def test_rows_of_limbs_count_with_the_variance_of_the_trunks() -> None:
+    rng = np.random.default_rng(5)
+    before, rows = summed(drawn(rng, None)).with_load(None), drawn(rng, 1)
+    segment = summed(rows).with_load(Held((2,), before))
+    assert segment.load is not None
+    root, end = np.sqrt(LOUDER), 11 + LAYOUT.count
+    since = np.vstack([np.vstack([each.columns, root * each.limbs]) for each in rows if each.limbs is not None])
+    known = before.triangle[:, :11]
+    prior = np.hstack([np.diag(1.0 / WIDE), np.zeros((10, 10))]), np.hstack([np.zeros((10, 10)), np.diag(1.0 / WIDE)])
+    A = np.vstack(
+        [np.hstack([known[:, :10], np.zeros((10, 10))]), *prior, since[:, [*range(10), *range(end + 10, end + 20)]]]
+    )
+    b = np.concatenate([known[:, 10], np.zeros(20), since[:, 10]])
+    found = np.linalg.lstsq(A, b, rcond=None)[0]
+    np.testing.assert_allclose(segment.load.mean(np.zeros(LAYOUT.count)), found[10:], rtol=1e-8, atol=1e-9)
+
+
+def test_each_row_has_a_usual_size_of_its_own() -> None:
+    """Rows of a wrist scatter as those of a waist do, each in its unit, and one that is always so is no outlier."""
+    rng, sizes = np.random.default_rng(2), np.array([0.1, 3.0])
+    segment = Segment.prior(np.zeros(10), WIDE, LAYOUT)
+    for each in drawn(rng, None):
+        segment = segment.add(WeightedRows(each.time, each.columns[:, : 11 + LAYOUT.count], 1.0))
+    robust = RobustWeights(OutlierSettings(), least=1e-6, each=True)
+    columns, weights = np.zeros((2, 11 + LAYOUT.count)), []
+    for _ in range(300):
+        columns[:, 10] = sizes * rng.standard_normal(2)
+        weights.append(robust.weight(columns, segment, np.zeros(LAYOUT.count)))
+    np.testing.assert_allclose(np.sqrt(robust.noise), sizes, rtol=0.25)
+    assert np.mean(weights) == pytest.approx(1.0, abs=0.15)
