@@ -2,8 +2,9 @@
 
 The model file's links are wrong by 5 to 20 % besides what the test-bed draws. One robot trots and sways; then its legs'
 swinging in the air is added. Every figure is compared with the truth of the same quantity, as drawn: Coulomb friction
-varies with position, and its truth is the mean over the samples of the logs in which the joint slides, without load;
-offsets drift, and their truth is the mean over the training part of the legs in the air. All torques of a robot have a
+varies with position, and its truth is the mean over the samples in which the joint slides, without load; offsets drift,
+and their truth is the mean over the log. Of legs in the air both are over the half that is fitted, and friction of a
+robot that walks too is that over the positions in the air. All torques of a robot have a
 gain that no log shows; it is drawn with mean one here (`real-unit-gain`).
 """
 
@@ -75,7 +76,8 @@ def identified(case: IdentifiedCase, logs: Path | None = None) -> dict[str, Any]
         return {"refused": str(error)}
     if result.trust.verdict == "bad":
         return {"refused": result.trust.reasons[0]}
-    fitted = [take(log, slice(0, len(log) // 2)) if log.source == "swing" else log for log in given]
+    # of several logs the mean positions are those of the legs in the air
+    fitted = [take(given[-1], slice(0, len(given[-1]) // 2))] if case.air else given
     return {"refused": None} | _compared(result, robot, drawn, fitted)
 
 
