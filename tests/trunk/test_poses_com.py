@@ -8,16 +8,14 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from stadera.errors import ModelError
 from stadera.inertia import InertialParameters
 from stadera.lab.laws.equilibrium import constant_errors_of, equilibrium_rows, error_slope, wrench_slope
 from stadera.lab.laws.poses import COMBINED, PosesCom
-from stadera.lab.laws.static import stated_errors
-from stadera.lab.laws.static_poses import PoseOffset, expected_covariance, standing_still, static_poses
+from stadera.lab.laws.static_poses import PoseOffset, standing_still, static_poses
 from stadera.robot import Robot, load_robot
 from stadera.robot.kinematics import foot_positions
 from stadera.trunk import Measurement
-from stadera.trunk.standing.forces import ContactForceEstimator, ForceNoise
+from stadera.trunk.standing.forces import ContactForceEstimator
 from standing import GRAVITY, StandingRobot
 
 ROBOT = load_robot("hyq")
@@ -170,11 +168,6 @@ def test_a_leg_in_the_air_tells_its_offsets() -> None:
     np.testing.assert_allclose(estimator.sources[:3], [4.0, -3.0, 2.0], atol=0.05)
 
 
-def test_static_poses_are_within_reach_and_what_they_tell_grows() -> None:
-    errors = stated_errors(ROBOT, ForceNoise.of(ROBOT, constant=0.15, foot_position=0.03))
-    stds = [np.sqrt(np.diag(expected_covariance(ROBOT, POSES[:n], errors))) for n in (1, 5, 11)]
-    assert (stds[1] <= stds[0] * (1 + 1e-9)).all()
-    assert (stds[2] <= stds[1] * (1 + 1e-9)).all()
-    assert np.hypot(*stds[2][1:3]) < 0.0021
-    with pytest.raises(ModelError, match="out of reach"):
-        expected_covariance(ROBOT, [PoseOffset(shift=np.array([0.0, 0.0, 3.0]))], errors)
+def test_static_poses_are_within_reach() -> None:
+    assert all(standing_still(ROBOT, pose) is not None for pose in POSES)
+    assert standing_still(ROBOT, PoseOffset(shift=np.array([0.0, 0.0, 3.0]))) is None

@@ -13,16 +13,11 @@ from stadera.lab.experiments.standing import (
     StandingCase,
     StandingOutcome,
     StandingTimes,
-    poses_of,
     stand,
 )
 from stadera.lab.laws.poses import WIDE_FOOT, WIDE_TORQUE
-from stadera.lab.laws.static import stated_errors
-from stadera.lab.laws.static_poses import PoseOffset, expected_covariance
 from stadera.lab.plant.sensors import Gaussian, SensorErrors
 from stadera.report.table import TableData
-from stadera.robot import Robot, load_robot
-from stadera.trunk.standing.forces import ForceNoise
 
 PAPER = Paper.of("table4")
 
@@ -197,10 +192,7 @@ def _records(column: ErrorColumn, method: str, runs: Sequence[StandingOutcome]) 
 def _table(kind: Kind, records: Sequence[Record]) -> TableData:
     error = _ERRORS[kind]
     unit = error.unit
-    note = (
-        "In brackets the paper's, which is the bound of (b) and (c); of the combined method it is "
-        f"{PAPER.bounds[kind]:.2f} cm. {_reach(kind)}"
-    )
+    bound = f"{PAPER.bounds[kind]:.2f} cm"
     return crossed(
         error.title,
         (r for r in records if r.metric == _METRIC and r.case["error"] == error.name),
@@ -208,31 +200,5 @@ def _table(kind: Kind, records: Sequence[Record]) -> TableData:
         row=lambda r: str(r.case["method"]),
         column=lambda r: f"μ = {r.case[f'μ [{unit}]']:g}, σ = {r.case[f'σ [{unit}]']:g} {unit}",
         corner="‖δ‖ [cm]",
-        note=note,
+        note=f"In brackets the paper's, which is the bound of (b) and (c); of the combined method it is {bound}.",
     )
-
-
-def _reach(kind: Kind) -> str:
-    """One sentence on the error that constant errors of the table's sizes leave for any estimator."""
-    error, robot, poses = _ERRORS[kind], load_robot("hyq"), poses_of("hyq", 11)
-    reached = []
-    for mean, std in error.columns:
-        one, every = (100 * _expected(ErrorColumn(kind, "run", mean, std), robot, p) for p in (poses[:1], poses))
-        reached.append(f"{one:.2f} cm in one pose and {every:.2f} cm over all (μ = {mean:g}, σ = {std:g} {error.unit})")
-    return (
-        f"Where constant {error.constant} are all that is wrong and their sizes are known, their signs and their "
-        f"common part being Gaussian too, the Cramér-Rao bound of the equations at rest on ‖δ‖ is, 1 σ: "
-        f"{'; '.join(reached)}."
-    )
-
-
-def _expected(column: ErrorColumn, robot: Robot, poses: Sequence[PoseOffset]) -> float:
-    """‖δ‖ [m], 1 σ, due to constant errors; their mean μ is treated as a common part of standard deviation μ."""
-    torque = np.full(12, column.std if column.kind == "torque" else 1e-6)
-    foot = 0.01 * column.std if column.kind == "foot" else 0.0
-    noise = ForceNoise(np.full(12, 1e-3), torque, foot)
-    errors = stated_errors(
-        robot, noise, orientation=1e-6, common_torque=column.mean if column.kind == "torque" else 0.0
-    )
-    covariance = expected_covariance(robot, poses, errors)
-    return float(np.sqrt(covariance[1, 1] + covariance[2, 2]))

@@ -26,23 +26,13 @@ from stadera.trunk.standing.forces import ContactForceEstimator, ContactForces, 
 from stadera.types import Array
 
 
-def stated_errors(
-    robot: Robot, noise: ForceNoise, orientation: float = np.deg2rad(0.2), common_torque: float = 0.0
-) -> ConstantErrors:
-    """Independent constant errors of stated sizes, except for a part of the torques that is common to all joints.
-
-    Args:
-        noise: of torques, feet and links' masses.
-        orientation: of each component of ε [rad].
-        common_torque: standard deviation of an offset common to all joints [N·m].
-    """
+def stated_errors(robot: Robot, noise: ForceNoise, orientation: float = np.deg2rad(0.2)) -> ConstantErrors:
+    """Independent constant errors of torques, feet and links' masses, and of each component of ε [rad]."""
     places = constant_errors_of(robot)
-    std, torque = np.empty(len(places)), places["torque"]
-    std[torque], std[places["foot"]] = noise.torque_constant, noise.foot_position
+    std = np.empty(len(places))
+    std[places["torque"]], std[places["foot"]] = noise.torque_constant, noise.foot_position
     std[places["vertical"]], std[places["link_mass"]] = orientation, noise.leg_mass
-    C = np.diag(np.maximum(std, 1e-9) ** 2)
-    C[torque, torque] += common_torque**2
-    return ConstantErrors(places, C)
+    return ConstantErrors(places, np.diag(np.maximum(std, 1e-9) ** 2))
 
 
 def white_covariance(forces: ContactForces) -> Array:

@@ -1,4 +1,4 @@
-"""Trunk poses for static weighing: which ones the legs can reach, and the accuracy to expect from them.
+"""Trunk poses for static weighing: which ones the legs can reach.
 
 The equations at rest contain only the centre of mass normal to the vertical, so one level pose determines x and y. A
 pose tilted by γ determines the height as well, with an error 1 / sin γ times that in the plane. Constant errors of the
@@ -8,7 +8,6 @@ loads.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -18,13 +17,9 @@ from stadera.body import Motion
 from stadera.constants import GRAVITY
 from stadera.errors import IdentificationError, ModelError
 from stadera.excite.trunk.planted import Planted, planted_joints
-from stadera.lab.laws.equilibrium import ConstantErrors
-from stadera.lab.laws.poses import PoseMean, centre_of, plausible, with_errors, with_poses
 from stadera.robot.model import Robot
 from stadera.robot.stance import nominal_feet
 from stadera.trunk.measurement import Measurement
-from stadera.trunk.model import TrunkBounds, TrunkModel
-from stadera.trunk.standing.forces import ContactForceEstimator
 from stadera.types import Array
 
 
@@ -34,7 +29,6 @@ class Reach:
 
     tilt: float = float(np.deg2rad(12.0))  # of the tilted poses [rad]
     shift: float = 0.15  # of the shifted ones, as a share of the standing height
-    samples: int = 1000  # number in each pose, for the accuracy to expect
     least_load: float = 0.05  # on every foot, as a share of the robot's weight
     torque: float = 0.8  # largest torque of any joint, as a share of its effort limit
     least_size: float = 0.25  # share of its requested size below which a pose is given up
@@ -68,23 +62,6 @@ def static_poses(robot: Robot, count: int = 11) -> tuple[PoseOffset, ...]:
     wanted = [PoseOffset(), *(PoseOffset(turn=turn) for turn in turns), *(PoseOffset(shift=s) for s in shifts)]
     wanted.append(PoseOffset(turn=tilt * z))
     return tuple(_within_reach(robot, pose) for pose in wanted[:count])
-
-
-def expected_covariance(robot: Robot, poses: Sequence[PoseOffset], errors: ConstantErrors) -> Array:
-    """Expected covariance (4, 4) of mass [kg] and CoM [m] of the robot's own trunk from holding these poses, relative
-    to the nominal stance on level ground, with errors that are constant over the run as unknowns. ModelError: a pose is
-    out of reach.
-    """
-    forces = ContactForceEstimator(robot)
-    known = plausible(robot, TrunkModel.prior(robot), TrunkBounds.of(robot))
-    for pose in poses:
-        measurement = standing_still(robot, pose)
-        if measurement is None:
-            raise ModelError(f"robot {robot.name}: pose {pose.shift} m, {pose.turn} rad is out of reach")
-        mean = PoseMean(measurement)
-        mean.count = _REACH.samples
-        known = with_poses(known, forces, [mean])
-    return centre_of(with_errors(known, errors, seek=True))[1]
 
 
 def standing_still(robot: Robot, pose: PoseOffset) -> Measurement | None:
