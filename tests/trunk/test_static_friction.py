@@ -65,7 +65,29 @@ def test_a_joint_that_has_slid_both_ways_hides_nothing_more() -> None:
     only_others = replace(seen, hidden=hidden * (JOINTS >= 6))
     assert segment.felt(seen).columns == pytest.approx(empty().felt(only_others).columns)
     segment = segment.add(replace(seen, slides=np.ones((2, 12), dtype=bool)))
-    assert segment.felt(seen) is seen
+    assert segment.felt(seen).columns == pytest.approx(seen.columns)
+
+
+def test_what_holds_a_joint_that_has_slid_is_its_mean_at_standstill_and_a_part_that_changes() -> None:
+    """A torque f on some joints enters the rows as E f. Before a joint has slid it is all stiction, whose sign lifts
+    the trunk; then a standstill of f alone explains it, in a robot that moves.
+    """
+    torque, E, force = RNG.standard_normal(12), RNG.standard_normal((6, 12)), np.array([0.4, -0.3, 9.7])
+    place, rests = LAYOUT.places, JOINTS % 3 == 0  # 4 of 12 joints
+    lifts = np.where(force @ E[:3] > 0.0, -1.0, 1.0)  # of -E, by which friction acts on the rows
+    columns = np.zeros((6, 11 + ERRORS))
+    columns[:3, 0] = force
+    C = columns[:, 11:]
+    C[:, place["offset"]], C[:, place["stiction"]] = -E, E * lifts * rests
+    C[:, place["standstill"]] = -E * ~rests
+    rows = WeightedRows(0.0, columns, 1.0, hidden=np.zeros((6, 12)))
+    p = np.zeros(ERRORS)
+    p[place["stiction"]], p[place["standstill"]] = -lifts * torque * rests, torque * ~rests
+    assert empty().felt(rows).errors @ p == pytest.approx(-E @ torque)
+    free = replace(empty(), slid=np.ones((2, 12), dtype=bool)).felt(rows).errors
+    p[place["stiction"]], p[place["standstill"]] = 0.0, torque
+    assert free @ p == pytest.approx(-E @ torque)
+    assert free[:, place["stiction"]] == pytest.approx(0.5 * C[:, place["stiction"]])
 
 
 def test_a_robot_that_has_only_stood_is_weighed_by_all_its_rows_alike() -> None:

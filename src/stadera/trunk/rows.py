@@ -448,7 +448,9 @@ class RowMaker:
         vague = np.sqrt(STICTION_VELOCITY**2 + averaged[:, None] * noise.velocity)
         unsure = 1.0 - np.tanh(joint[:, 1] / vague) ** 2
         stepping = (first["stepping"] | second["stepping"]).tolist()
-        air, slides = first["air"] & second["air"], np.stack([joint[:, 2], -joint[:, 2]], axis=1) > _SLIDES
+        slides = np.stack([joint[:, 2], -joint[:, 2]], axis=1) > _SLIDES
+        slides &= (speed**2 > least)[:, None, :J]
+        air = first["air"] & second["air"]
         return [
             BlockRows(
                 float(second["end"][b]),

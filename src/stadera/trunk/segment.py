@@ -27,6 +27,9 @@ a joint that has slid forward and backward under the load no longer depends on h
 friction of all others may do to a block's rows, one standard deviation of it, and n the number of rows that share it,
 
     rows ← (1 + n H Hᵀ)^-1/2 rows
+
+Its friction at rest is another one each time: a mean, as of any joint at standstill, and a deviation from it, whose
+mean over some rests is `_DEVIATION` of what holds a joint that has not moved.
 """
 
 from __future__ import annotations
@@ -48,6 +51,7 @@ from stadera.trunk.placed import Held, Told, TrunkAndLoad, folded, told
 from stadera.types import Array, Bools
 
 _OF_LIMBS = 2  # place of their remainder, after those of blocks at rest and in motion
+_DEVIATION = 0.5  # of four rests with different friction
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,10 +178,16 @@ class Segment:
         """The rows without what friction may hide in them, see the module's text. While a robot has only stood all are
         alike, and left as they are.
         """
-        free = self.slid.all(axis=0)
-        if rows.hidden is None or free.all() or not (self.moved or self.moves(rows)):
+        free, moves = self.slid.all(axis=0), self.moves(rows)
+        if rows.hidden is None or not (self.moved or moves):
             return rows
-        felt = discounted(np.hstack([rows.columns, np.eye(6)]), rows.hidden * ~free)
+        columns = rows.columns.copy()
+        if moves:  # what a robot that has stopped holds lasts
+            C, place = columns[:, 11:], self.layout.places
+            lifts = np.sign(columns[:3, 0] @ C[:3, place["offset"]])  # the sign of `stiction`, see `stadera.trunk.rows`
+            C[:, place["standstill"]] -= free * lifts * C[:, place["stiction"]]
+            C[:, place["stiction"]] *= np.where(free, _DEVIATION, 1.0)
+        felt = discounted(np.hstack([columns, np.eye(6)]), rows.hidden * ~free)
         share = float((felt[:, -6:] ** 2).sum()) / 6.0
         return replace(rows, columns=felt[:, :-6], share=share, hidden=None)
 
