@@ -186,7 +186,7 @@ class Errors:
     def load_covariance(self, load: Told) -> Array:
         """Covariance of a load elsewhere than on the trunk, (n, n). Errors that may change with it do not cancel."""
         K, done = load.sensitivity, 0
-        total = self.of_rows(load) + K @ self.lasting @ K.T
+        total = self.of_rows(load, self.scatter) + K @ self.lasting @ K.T
         for place, own in self._changing:
             before, done = load.before[:, done : done + len(own)], done + len(own)
             for part in (before, K[:, place] - before):
@@ -218,9 +218,10 @@ class Errors:
         """Covariance (10, 10) due to the rows' scatter, and to offsets that are others under another load.
 
         Args:
-            scatter: variance of the rows, in their unit [1]. Of a trunk it is `scatter`. In the difference of two loads
-                most of it cancels: steps are as wrong after a change as before it. With the rows' unit for what is left
-                places of payloads are 0.8 to 1.1 standard deviations off (rms, second plant).
+            scatter: variance of the rows, in their unit [1]. Of a trunk and of a load in a hand it is `scatter`. In the
+                difference of two loads on the trunk most of it cancels: steps are as wrong after a change as before it.
+                With the rows' unit for what is left places of payloads are 0.8 to 1.1 standard deviations off (rms,
+                second plant).
         """
         P, drifted = segment.inverse @ segment.inverse.T, segment.sensitivity[:, self._offsets] * self._drift
         return np.asarray(scatter * P + drifted @ drifted.T)
