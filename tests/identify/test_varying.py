@@ -107,9 +107,12 @@ def test_friction_by_position_is_found_with_its_mean_in_the_coulomb_term() -> No
 
 def test_friction_by_load_is_found() -> None:
     joint = hyq().leg("RH").joints[2]
-    terms = found(varied("load")).to_dict()["joints"][joint]
+    result = found(varied("load"))
+    terms = result.to_dict()["joints"][joint]
     assert terms["coulomb_load"]["value"] == pytest.approx(LOAD, abs=0.05)
     assert terms["coulomb"]["value"] == pytest.approx(1.2, abs=2.0 * terms["coulomb"]["std"])  # of a drive without load
+    mean = terms["coulomb"]["value"] + terms["coulomb_load"]["value"] * terms["coulomb_load"]["mean_load"]
+    assert result.simulated_robot().dynamics[joint].coulomb == pytest.approx(mean)
 
 
 def test_presliding_is_found_with_its_travel_and_leaves_coulomb_friction() -> None:

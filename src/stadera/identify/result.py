@@ -116,6 +116,20 @@ class LegIdentification:
         return dict(zip(names, found, strict=True)) | held | travels
 
     @cached_property
+    def constant_friction(self) -> Mapping[str, Quantity]:
+        """By joint whose friction varies, Coulomb friction for models that hold no other: the mean over the log, load
+        included [N·m].
+        """
+        names, joints = self.estimate.columns, tuple(self.varying)
+        gradients = np.zeros((len(joints), len(names)))
+        for row, joint in zip(gradients, joints, strict=True):
+            row[names.index(f"{joint}.coulomb")] = 1.0
+            row[names.index(f"{joint}.coulomb_load")] = self.varying[joint].load
+        values = np.maximum(gradients @ self.estimate.values, 0.0)
+        priors = np.array([self.model[f"{joint}.coulomb"] for joint in joints])
+        return dict(zip(joints, self._quantities(gradients, ["N·m"] * len(joints), values, priors), strict=True))
+
+    @cached_property
     def coms(self) -> Mapping[str, tuple[Quantity, Quantity, Quantity]]:
         """Centre of mass of each link [m], link frame."""
         return {link: self._com(link) for link in self.leg.links}
@@ -231,13 +245,13 @@ class Identification(Result):
         from stadera.robot.export import export_model
 
         with written_together([path]) as (draft,):
-            export_model(self.identified_robot(), draft, note="\n  ".join((*self.unmeasured(), *self.friction_notes())))
+            export_model(self.simulated_robot(), draft, note="\n  ".join((*self.unmeasured(), *self.friction_notes())))
 
     def save_usd(self, path: str | PathLike[str]) -> None:
         """Writes the identified robot as USD, see `stadera.robot.usd`. MissingExtraError: usd-core is not installed."""
         from stadera.robot.usd import write_usd
 
-        write_usd(self.identified_robot(), path, (*self.unmeasured(), *self.friction_notes()))
+        write_usd(self.simulated_robot(), path, (*self.unmeasured(), *self.friction_notes()))
 
     def save_actuators(self, path: str | PathLike[str]) -> None:
         """Writes the drives as YAML for Isaac Lab and mjlab, see `stadera.robot.actuators`."""
@@ -245,7 +259,7 @@ class Identification(Result):
         from stadera.robot.actuators import actuators_yaml
 
         source, notes = Path(self.source).name, self.friction_notes()
-        text = actuators_yaml(self.identified_robot(), self.torque_lag, source, notes)
+        text = actuators_yaml(self.simulated_robot(), self.torque_lag, source, notes)
         with written_together([path]) as (draft,):
             write_text(draft, text)
 
@@ -306,6 +320,14 @@ class Identification(Result):
         """The robot with the identified parameters of links and joints, and of the trunk as far as it was observed."""
         robot = robot_with_legs(self.robot, self.legs)
         return robot if self.trunk is None else robot.with_inertias({robot.trunk: self.trunk.inertial})
+
+    def simulated_robot(self) -> Robot:
+        """The identified robot for a simulator, whose friction does not vary: see `constant_friction`."""
+        robot, found = self.identified_robot(), {j: q for leg in self.legs for j, q in leg.constant_friction.items()}
+        std = {j: np.nan if q.is_held or q.std is None else q.std for j, q in found.items()}
+        dynamics = {joint: replace(robot.dynamics[joint], coulomb=q.value) for joint, q in found.items()}
+        known = {joint: replace(robot.dynamics_std[joint], coulomb=std[joint]) for joint in found}
+        return robot.with_dynamics(dynamics, known)
 
 
 def robot_with_legs(robot: Robot, legs: Iterable[LegIdentification]) -> Robot:

@@ -4,10 +4,11 @@
 
 in place of τ_c s(q̇), with h the torque of the links at the model's values: the measured torque has noise, and friction
 itself, in it. With c̄, s̄ the means over the sliding samples, τ_c is the mean friction, over the positions of the log, of
-a drive without load. That is the same quantity in the air and under load (`stadera.trunk.swing`), and so in any log.
-d is the direction s(q̇) of sliding, or with presliding the Dahl state (`stadera.body.friction`): what lies behind the
-give of gear and belt slips only after that has been wound up over the travel x_s. The Dahl state starts anew with each
-chunk of a log, and forgets its start within a few x_s.
+a drive without load. It is the same quantity in the air and under load (`stadera.trunk.swing`), and so in any log; with
+μ times the mean |h| it is what a simulator's constant friction should be. d is the direction s(q̇) of sliding, or with
+presliding the Dahl state (`stadera.body.friction`): what lies behind the give of gear and belt slips only after that
+has been wound up over the travel x_s. The Dahl state starts anew with each chunk of a log, and forgets its start within
+a few x_s.
 
 a, b and μ are unknowns of every joint whose Coulomb friction is, with a prior of zero mean (`PriorWidth`). Where a log
 does not tell them apart from τ_c, they are in its bar: friction of a few per cent of the torque is a quarter of τ_c of
@@ -47,6 +48,7 @@ class VaryingFriction:
     """How one joint's friction varies, besides the values of a, b and μ."""
 
     centres: Mapping[str, float]  # by term, what is subtracted from cos q [1], sin q [1] and |h| [N·m]
+    load: float = 0.0  # mean of |h| over the sliding samples [N·m]
     travel: float = 0.0  # x_s [rad] over which friction builds up after a reversal; zero if it acts at once
     travel_std: float = np.nan  # of its error [rad]
     # more travels, whose columns are added to compare them, named `<joint>.<term>@1` and so on
@@ -233,7 +235,7 @@ def _chosen(evidence: _Evidence, settings: VaryingSettings) -> VaryingFriction:
     R, slides = evidence.whole.R, evidence.whole.R[:, evidence.place("coulomb")]
     sliding = max(float(slides @ slides), 1e-300)
     means = {term: float(slides @ R[:, evidence.place(term)]) / sliding for term in VARYING_UNITS}
-    at_once = VaryingFriction(means | {"coulomb_load": 0.0})
+    at_once = VaryingFriction(means | {"coulomb_load": 0.0}, means["coulomb_load"])
     if len(evidence.blocks) < 4:
         return at_once
     count = len(settings.travels)

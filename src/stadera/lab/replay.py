@@ -327,9 +327,12 @@ def replayed_models(
     with foreign(Path(tested), "not the JSON of an identification (--json)", ModelError):
         value = json.loads(Path(tested).read_text(encoding="utf-8"))
         laws = {joint: law for joint, entry in value["joints"].items() if (law := _law(entry)) != JointLaw()}
+        constant = {
+            joint: replace(identified.dynamics[joint], coulomb=_mean_friction(value["joints"][joint])) for joint in laws
+        }
         fitted = {joint: _with_friction(cad, joint, terms) for joint, terms in value["cad_friction"].items()}
         lag = float(value["torque_lag"])
-    exported = (Drive("identified, constant friction", identified),) if laws else ()
+    exported = (Drive("identified, constant friction", identified.with_dynamics(constant)),) if laws else ()
     return (
         Drive("identified", identified, laws),
         *exported,
@@ -345,6 +348,14 @@ def _law(entry: dict[str, Any]) -> JointLaw:
 
     travel = float(entry["presliding"]["value"]) if "presliding" in entry else 0.0
     return JointLaw(term("coulomb_cos"), term("coulomb_sin"), term("coulomb_load"), travel)
+
+
+def _mean_friction(entry: dict[str, Any]) -> float:
+    """Coulomb friction with what load adds on average, as exported."""
+    load = entry.get("coulomb_load", {})
+    return max(
+        float(entry["coulomb"]["value"]) + float(load.get("value", 0.0)) * float(load.get("mean_load", 0.0)), 0.0
+    )
 
 
 def _with_friction(robot: Robot, joint: str, terms: dict[str, float]) -> JointDynamics:
