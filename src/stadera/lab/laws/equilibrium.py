@@ -25,8 +25,7 @@ that is known to be in the air is excluded, and adds its joints' own equations, 
 are unknown.
 """
 
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import replace
 
 import numpy as np
 
@@ -45,19 +44,6 @@ def constant_errors_of(robot: Robot) -> Unknowns:
     """
     joints, legs = sum(len(leg.joints) for leg in robot.legs), len(robot.legs)
     return Unknowns.of(torque=joints, foot=3 * legs, vertical=3, link_mass=len(robot.tree.joints))
-
-
-@dataclass(frozen=True, eq=False)
-class ConstantErrors:
-    """Prior of a robot's k constant errors, Gaussian with mean zero."""
-
-    places: Unknowns  # names and places of the errors
-    covariance: Array  # (k, k), of torques [N·m], feet [m], vertical [rad] and links' masses (shares)
-
-    @cached_property
-    def root(self) -> Array:
-        """L (k, k) with L Lᵀ the covariance."""
-        return np.asarray(np.linalg.cholesky(self.covariance))
 
 
 def wrench_slope(forces: ContactForces) -> Array:

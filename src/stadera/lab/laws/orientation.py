@@ -32,6 +32,7 @@ from scipy.spatial.transform import Rotation
 
 from stadera.constants import GRAVITY
 from stadera.inertia import skew
+from stadera.lab.laws.equilibrium import constant_errors_of
 from stadera.lab.laws.recursive import Instant, LawSettings, RecursiveCom, step_size
 from stadera.robot.model import Robot
 from stadera.trunk.measurement import Measurement
@@ -121,7 +122,7 @@ class OrientationCom(RecursiveCom):
     def _felt(self, instant: Instant) -> Array:
         """Effect (4, k) of constant errors in this pose; an orientation error ε changes e by -ε."""
         felt = super()._felt(instant)
-        felt[1:, self._errors.places["vertical"]] = (
+        felt[1:, constant_errors_of(self.robot)["vertical"]] = (
             -skew(instant.up) * self.posture.stiffness / (instant.trunk.mass * GRAVITY)
         )
         return felt

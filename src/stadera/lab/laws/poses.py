@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from stadera.constants import GRAVITY
 from stadera.information import Information, Unknowns
-from stadera.lab.laws.equilibrium import ConstantErrors, constant_errors_of, equilibrium_rows
+from stadera.lab.laws.equilibrium import constant_errors_of, equilibrium_rows
 from stadera.lab.laws.static import StaticEstimator, stated_errors
 from stadera.robot.model import Robot
 from stadera.trunk.load import centre_slope
@@ -149,11 +149,11 @@ class PosesCom(StaticEstimator):
         noise, torque, foot = self.forces.noise, self.settings.torque_constant, self.settings.foot_position
         if torque is not None and foot is not None:
             noise = ForceNoise.of(robot, constant=torque, foot_position=foot)
-        self.errors = stated_errors(robot, noise)
+        self._error_std = stated_errors(robot, noise)
         self._folded = plausible(robot, self._start, self.bounds)
         self._open: PoseMean | None = None
         self._closed: list[PoseMean] = []
-        self._linear_at = self._anchor = np.zeros(len(self.errors.places))
+        self._linear_at = self._anchor = np.zeros(len(self._error_std))
         self._known = unobserved()
         self._solved, self._latest, self.poses = -np.inf, np.nan, 0
 
@@ -195,15 +195,19 @@ class PosesCom(StaticEstimator):
             self._folded = with_poses(self._folded, self.forces, [self._closed.pop(0)], self._linear_at)
 
     def _solution(self) -> Information:
-        """Gauss-Newton from the errors at which older poses were linearised; one step if errors are considered."""
-        settings, before = self.settings, np.full(3, np.inf)
+        """Gauss-Newton from the errors at which older poses were linearised; one step if errors are only considered,
+        which removes them from the unknowns.
+        """
+        settings, before, std = self.settings, np.full(3, np.inf), self._error_std
         self._linear_at = self._anchor
         poses = [*self._closed, self._open] if self._open is not None else self._closed
         for _ in range(settings.iterations):
             known = with_poses(self._folded, self.forces, poses, self._linear_at)
-            known = with_errors(known, self.errors, seek=settings.seek_errors)
             if not settings.seek_errors:
-                break
+                return known.consider(np.diag(std), ("errors",))
+            prior = np.zeros((len(std), len(known)))
+            prior[:, known["errors"]] = np.diag(1.0 / std)
+            known = known.add(prior, np.zeros(len(std)))
             self._linear_at, com = known.mean[known["errors"]], centre_of(known)[0][1:]
             if float(np.abs(com - before).max()) < settings.settled:
                 break
@@ -265,18 +269,6 @@ def plausible(robot: Robot, start: TrunkModel, bounds: TrunkBounds) -> Informati
     matrix[:3, place.start + 1 : place.stop] = np.diag(scale)
     matrix[3, place.start] = 1.0 / bounds.spread[0]
     return known.add(matrix, np.array([0.0, 0.0, 0.0, start.mass / bounds.spread[0]]))
-
-
-def with_errors(known: Information, errors: ConstantErrors, *, seek: bool) -> Information:
-    """Treats the constant errors as unknowns with a prior, or as considered errors, which removes them from the
-    unknowns.
-    """
-    if not seek:
-        return known.consider(errors.root, ("errors",))
-    count = len(errors.places)
-    matrix = np.zeros((count, len(known)))
-    matrix[:, known["errors"]] = np.linalg.inv(errors.root)
-    return known.add(matrix, np.zeros(count))
 
 
 def centre_of(known: Information) -> tuple[Array, Array]:

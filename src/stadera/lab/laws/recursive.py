@@ -181,7 +181,7 @@ class RecursiveCom(StaticEstimator):
         self.settings = settings or LawSettings()
         super().__init__(robot, start, forces, self.settings.still)
         self.phase = Phase.PLANE
-        self._errors = stated_errors(robot, self.forces.noise, self.settings.orientation_std)
+        self._error_std = stated_errors(robot, self.forces.noise, self.settings.orientation_std)
         self._settled = Settled()
         self._mass_settled = Settled(self.settings.mass_settled * robot.mass)
         self._known: Array | None = None
@@ -242,7 +242,7 @@ class RecursiveCom(StaticEstimator):
 
     def _of_one_pose(self, instant: Instant) -> Array:
         settings, up, felt = self.settings, instant.up, self._felt(instant)
-        covariance = felt @ self._errors.covariance @ felt.T + self._white(instant)
+        covariance = (felt * self._error_std**2) @ felt.T + self._white(instant)
         select, lost = np.eye(4), up
         select[1:, 1:] = settings.selection(up)
         if kept := bool(up[2] > settings.hidden):
@@ -267,7 +267,7 @@ class RecursiveCom(StaticEstimator):
         A[1:, 1:] = plane - B[1:, 1:] @ (np.eye(3) - np.outer(up, up)) @ plane
         felt = A @ self._felt(first) + B @ self._felt(second)
         white = A @ self._white(first) @ A.T + B @ self._white(second) @ B.T
-        return np.asarray(felt @ self._errors.covariance @ felt.T + white)
+        return np.asarray((felt * self._error_std**2) @ felt.T + white)
 
     def _felt(self, instant: Instant) -> Array:
         """Errors (4, k) of mass and centre of mass per unit of the constant errors."""

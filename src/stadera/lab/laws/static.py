@@ -16,7 +16,7 @@ from math import exp, isnan, sqrt
 import numpy as np
 
 from stadera.constants import GRAVITY
-from stadera.lab.laws.equilibrium import ConstantErrors, constant_errors_of, felt_by_mass, wrench_slope
+from stadera.lab.laws.equilibrium import constant_errors_of, felt_by_mass, wrench_slope
 from stadera.robot.model import Robot
 from stadera.trunk.measurement import Measurement
 from stadera.trunk.model import ImplausibleError, TrunkBounds, TrunkModel
@@ -26,13 +26,15 @@ from stadera.trunk.standing.forces import ContactForceEstimator, ContactForces, 
 from stadera.types import Array
 
 
-def stated_errors(robot: Robot, noise: ForceNoise, orientation: float = np.deg2rad(0.2)) -> ConstantErrors:
-    """Independent constant errors of torques, feet and links' masses, and of each component of ε [rad]."""
+def stated_errors(robot: Robot, noise: ForceNoise, orientation: float = np.deg2rad(0.2)) -> Array:
+    """Standard deviations (k,) of the errors of `constant_errors_of`, which are independent; that of each component of
+    ε [rad].
+    """
     places = constant_errors_of(robot)
     std = np.empty(len(places))
     std[places["torque"]], std[places["foot"]] = noise.torque_constant, noise.foot_position
     std[places["vertical"]], std[places["link_mass"]] = orientation, noise.leg_mass
-    return ConstantErrors(places, np.diag(np.maximum(std, 1e-9) ** 2))
+    return np.maximum(std, 1e-9)
 
 
 def white_covariance(forces: ContactForces) -> Array:
@@ -143,7 +145,7 @@ class MassEstimator(StaticEstimator):
     ) -> None:
         super().__init__(robot, start, forces)
         self.settings = settings or MassSettings()
-        self._errors = stated_errors(robot, self.forces.noise)
+        self._error_std = stated_errors(robot, self.forces.noise)
         self._last: tuple[ContactForces, Measurement] | None = None
         self._known: Array | None = None
         self._averaged_variance = self._slow = self._fast = self._sample_variance = 0.0
@@ -167,7 +169,7 @@ class MassEstimator(StaticEstimator):
             self._known = unobserved()
             if self._last is not None:
                 felt = felt_by_mass(*self._last, self.robot)
-                self._known[0, 0] = felt @ self._errors.covariance @ felt + self._averaged_variance
+                self._known[0, 0] = felt @ (self._error_std**2 * felt) + self._averaged_variance
         return self._known
 
     def _interrupted(self) -> None:
