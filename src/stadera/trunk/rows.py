@@ -413,30 +413,14 @@ class RowMaker:
             columns[:, :, 10] += A @ self.body.lumped  # the trunk contains the other joints' links at their reference
             self._limbs.add(columns, A, sums["by_links"], self._by_mass)
             limbs = self._limbs.rows(sums, self._by_mass, held[:, J:]) if len(self._limbs.joints) else None
-        by_terms = -sums["by_terms"].transpose(3, 0, 2, 1)  # (terms, B, 6, J)
-        # signs such that positive static friction lifts the trunk, as in all joints of a robot that sags
-        offset = by_terms[_TERMS.index("offset")]
-        lifts = np.sign((offset[:, :3] * signals[:, :3, None]).sum(axis=1))
-        # by the mean direction: noise of single velocities is no motion, and a slow joint does not stick whole
-        stuck = np.sqrt(np.maximum(1.0 - (joint[:, 2] / np.maximum(joint[:, 4], 1e-9)) ** 2, 0.0))
-        C[:, :, places["stiction"]] = offset * (-lifts * still * stuck)[:, None]
-        C[:, :, places["standstill"]] = offset * (~still * stuck)[:, None]
-        by_terms[:_OF_MOTION] *= ~still[:, None]
-        for name, values in zip(_TERMS, by_terms, strict=True):
-            C[:, :, places[name]] = values
-        C[:, :, places["torque_lag"]] = sums["by_rate"][:, :, None]
-        C[:, :, places["common_gain"]] = C[:, :, places["gain"]].sum(axis=2, keepdims=True)
+        self._by_joints(C, sums, joint, still, signals[:, :3])
         by_contact = slice(J, J + 3 * layout.contacts)
         C[:, :, places["encoder"]], C[:, :, places["contact"]] = middle[:, :, :J], -middle[:, :, by_contact]
         C[:, :, places["unfelt"]] = -middle[:, :, by_contact.stop :]
         by_links = sums["by_links"][:, : layout.links] @ self._by_mass[: layout.links]  # (B, K, 6, 4)
         C[:, :, places["link_mass"]] = -by_links[..., 0].transpose(0, 2, 1)
         C[:, :, places["link_com"]] = -by_links[..., 1:].transpose(0, 2, 3, 1).reshape(B, 6, -1)
-        a, alpha, spin = signals_of(signals)
-        C[:, :, places["imu_lever"]] = -K @ (skews(alpha) + spin)
-        C[:, :, places["imu_rotation"]] = K @ skews(a) + L @ skews(alpha)
-        C[:, :, places["accelerometer"]] = -K
-        C[:, :, places["imu_response"]] = -K * (signals[:, :3] - average)[:, None]
+        self._by_imu(C, K, L, signals, average)
         C[:, :, places["velocity_lag"]] = L @ jerk[:, J:, None] - G @ jerk[:, :J, None]
         unresolved = trunk_matrix(alternated[:, :12]) @ trunk.vector - alternated[:, 12:]
         C[:, :, places["sampling"].start] = second["sign"][:, None] * unresolved
@@ -465,6 +449,40 @@ class RowMaker:
             else None
             for b in range(B)
         ]
+
+    def _by_joints(self, C: Array, sums: Sums, joint: Array, still: Bools, specific: Array) -> None:
+        """Writes the columns (B, 6, errors) of rotors, friction, offsets, gains and lag of the torques.
+
+        Args:
+            joint: (B, 7, J), see `_halves`. still: (B, J), see `_still`. specific: (B, 3), the mean specific force.
+        """
+        places = self._layout.places
+        by_terms = -sums["by_terms"].transpose(3, 0, 2, 1)  # (terms, B, 6, J)
+        # signs such that positive static friction lifts the trunk, as in all joints of a robot that sags
+        offset = by_terms[_TERMS.index("offset")]
+        lifts = np.sign((offset[:, :3] * specific[:, :, None]).sum(axis=1))
+        # by the mean direction: noise of single velocities is no motion, and a slow joint does not stick whole
+        stuck = np.sqrt(np.maximum(1.0 - (joint[:, 2] / np.maximum(joint[:, 4], 1e-9)) ** 2, 0.0))
+        C[:, :, places["stiction"]] = offset * (-lifts * still * stuck)[:, None]
+        C[:, :, places["standstill"]] = offset * (~still * stuck)[:, None]
+        by_terms[:_OF_MOTION] *= ~still[:, None]
+        for name, values in zip(_TERMS, by_terms, strict=True):
+            C[:, :, places[name]] = values
+        C[:, :, places["torque_lag"]] = sums["by_rate"][:, :, None]
+        C[:, :, places["common_gain"]] = C[:, :, places["gain"]].sum(axis=2, keepdims=True)
+
+    def _by_imu(self, C: Array, K: Array, L: Array, signals: Array, average: Array) -> None:
+        """Writes the columns (B, 6, errors) of the IMU's place, axes, offset and response.
+
+        Args:
+            K, L: (B, 6, 3), see the module's text. signals: (B, 12). average: (B, 3), see `_over_a_second`.
+        """
+        places = self._layout.places
+        a, alpha, spin = signals_of(signals)
+        C[:, :, places["imu_lever"]] = -K @ (skews(alpha) + spin)
+        C[:, :, places["imu_rotation"]] = K @ skews(a) + L @ skews(alpha)
+        C[:, :, places["accelerometer"]] = -K
+        C[:, :, places["imu_response"]] = -K * (a - average)[:, None]
 
 
 def signals_of(signals: Array) -> tuple[Array, Array, Array]:
