@@ -192,9 +192,10 @@ class History:
     @property
     def total(self) -> RowSums:
         """Sums over all loads. Rows in which a change may still be detected do not count against the model. A load in a
-        hand, of which the trunk's rows tell little, is one without a change too: those since the tare count apart.
+        hand, of which the trunk's rows tell little, is one without a change too: with rows of limbs those since the
+        tare count apart.
         """
-        if self._places and self.tare is not None and self.loaded is not None:
+        if self.tare is not None and self.loaded is not None and self.loaded.limb_count:
             return self._sum((*self.finished, self.tare, self.loaded))
         enough = self.aged.blocks >= self._settings.outliers.enough or self.finished
         last = self.aged if enough else self.current
