@@ -61,6 +61,8 @@ def test_lag_under_noise(delay: float) -> None:
 def test_a_lag_is_looked_for_as_far_as_asked_and_taken_where_it_is_large_enough() -> None:
     recording = late(run(DRIVE, duration=10.0, rate=200.0), 0.021)
     assert found(recording, search=LagSettings(latest=0.01)) == pytest.approx(0.01)
+    stretches = list(preprocess_stream([recording], Preprocessing(25.0), recording.joints))
+    assert estimate_lag(stretches, [leg()], UP, LagSettings(latest=0.01))[1] == LagSettings().usual
     assert found(recording, search=LagSettings(resolution=0.03)) == 0.0
 
 

@@ -74,9 +74,10 @@ def estimate_lag(
 
     best, ratio, curvature = lag(whole, samples)
     without = np.array([lag(whole - own, samples - count)[0] for own, count in zip(costs, counts, strict=True)])
-    # at the end of the search there is no vertex, and the step is what is known
-    square = 2.0 * ratio / (samples * curvature) if curvature > 0.0 else search.step**2
-    std = min(float(np.sqrt(square + (len(costs) - 1) * without.var())), search.usual)
+    if curvature <= 0.0:  # at the end of the search there is no vertex: nothing is known but what is usual
+        return best, search.usual, ratio
+    square = 2.0 * ratio / (samples * curvature) + (len(costs) - 1) * without.var()
+    std = min(float(np.sqrt(square)), search.usual)
     if abs(best) < max(search.resolution, search.significant * std):
         return 0.0, float(np.hypot(std, best)), 1.0
     return best, std, ratio
