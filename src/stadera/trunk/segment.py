@@ -51,7 +51,7 @@ from stadera.trunk.placed import Held, Told, TrunkAndLoad, folded, told
 from stadera.types import Array, Bools
 
 _OF_LIMBS = 2  # place of their remainder, after those of blocks at rest and in motion
-_DEVIATION = 0.5  # of four rests with different friction
+_DEVIATION = 0.7  # of two rests with different friction
 
 
 @dataclass(frozen=True, eq=False)
