@@ -180,7 +180,7 @@ def whole_robots(records: list[Record]) -> str:
         if part.startswith("median error"):
             shares = [found.get((logs, name, share)) for share in ("determined", "within 2 σ")]
             also = ["–" if share is None else cell(share) for share in shares if any(shares)]
-            row = f"{name}{re.sub('median error(, relative)?', '', part).replace(' of the', ',')} [{record['unit']}]"
+            row = f"{name}{re.sub(',? of the', ',', re.sub('median error(, relative)?', '', part))} [{record['unit']}]"
             cells.setdefault(row, {})[logs] = "; ".join([cell(record), *also])
     return f"Median error; determined; within 2 σ [%]:\n\n{table(cells, '')}"
 

@@ -127,12 +127,7 @@ def _far(fits: Sequence[_LegFit], chance: float) -> Iterator[str]:
     """Yields a reason if all legs together are further from the model than the prior allows."""
     if any(fit.estimate.method != "consistent" for fit in fits):
         return
-    priors = [f.task.constant.prior for f in fits]
-    steps = [
-        np.linalg.solve(p.root, f.estimate.values[: len(p.values)] - p.values)
-        for f, p in zip(fits, priors, strict=True)
-    ]
-    distance, rank = sum(float(x @ x) for x in steps), sum(f.rank for f in fits)
+    distance, rank = sum(f.distance for f in fits), sum(f.rank for f in fits)
     if distance > chdtri(max(rank, 1), chance):
         yield (
             f"the values are {np.sqrt(distance / max(rank, 1)):.2g} times as far from the model's as usual: look at "

@@ -195,7 +195,7 @@ class History:
         hand, of which the trunk's rows tell little, is one without a change too: with rows of limbs those since the
         tare count apart.
         """
-        if self.tare is not None and self.loaded is not None and self.loaded.limb_count:
+        if self._places and self.tare is not None and self.loaded is not None and self.loaded.limb_count:
             return self._sum((*self.finished, self.tare, self.loaded))
         enough = self.aged.blocks >= self._settings.outliers.enough or self.finished
         last = self.aged if enough else self.current
@@ -288,8 +288,10 @@ class History:
     def _begin(self, segment: Segment, rows: Sequence[WeightedRows], loaded: Segment | None) -> None:
         self._known, self.recent, self._loaded = deque([segment]), deque(rows), deque([loaded])
         for row in rows:
-            self._known.append(self.current.add(row))
-            self._loaded.append(loaded if loaded is None else (loaded := loaded.add(row, remainder=self._places > 0)))
+            self._known.append(self.current.add(row, louder=self.noise))
+            if loaded is not None:
+                loaded = loaded.add(row, remainder=self._places > 0, louder=self.noise)
+            self._loaded.append(loaded)
 
     def _slides(self, rows: WeightedRows, known: Segment) -> float:
         """Weight of a block by its joints' sliding, see `OutlierSettings`, unless friction is in its share

@@ -15,6 +15,8 @@ from typing import Any
 import numpy as np
 
 from stadera.errors import StaderaError
+from stadera.lab.control.com_plan import PlanError
+from stadera.lab.control.reference import ControlError
 from stadera.lab.experiments.fault_kinds import FORCES, SIGNAL_FAULTS
 from stadera.lab.experiments.runner import (
     CaseValues,
@@ -25,6 +27,7 @@ from stadera.lab.experiments.runner import (
     ReproduceSettings,
     grouped,
 )
+from stadera.lab.plant.plant import SimulationError
 from stadera.lab.scenarios.catalog import Load, SimulateSettings
 from stadera.lab.scenarios.run import simulate, stored
 from stadera.lab.truth import Truth
@@ -135,7 +138,7 @@ def weigh_faulty(case: FaultyLog, logs: Path | None = None) -> dict[str, Any]:
     robot = load_robot(case.log.robot)
     try:
         log, truth = case.log.made(robot, logs)
-    except StaderaError as error:  # of plant or controller
+    except (ControlError, PlanError, SimulationError) as error:
         return {"fell": str(error), "faults": {}}
     return {
         "fell": None,

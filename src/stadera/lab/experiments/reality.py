@@ -12,11 +12,13 @@ from typing import Any
 
 import numpy as np
 
-from stadera.errors import IdentificationError, StaderaError
+from stadera.errors import IdentificationError
 from stadera.identify.legs import identify
 from stadera.identify.schema import with_identified_legs
 from stadera.identify.settings import IdentifySettings
 from stadera.lab.baselines import ALL_METHODS
+from stadera.lab.control.com_plan import PlanError
+from stadera.lab.control.reference import ControlError
 from stadera.lab.experiments.runner import (
     Bounds,
     CaseValues,
@@ -29,6 +31,7 @@ from stadera.lab.experiments.runner import (
     grouped,
 )
 from stadera.lab.plant.payload import Tray
+from stadera.lab.plant.plant import SimulationError
 from stadera.lab.scenarios.catalog import Load, SimulateSettings
 from stadera.lab.scenarios.run import simulate, stored, swing
 from stadera.lab.truth import Truth
@@ -92,7 +95,7 @@ def weigh_real(case: RealityCase, logs: Path | None = None) -> dict[str, Any]:
     robot = load_robot(case.robot)
     try:
         log, truth = real_log(case, robot, logs)
-    except StaderaError as error:  # of plant or controller
+    except (ControlError, PlanError, SimulationError) as error:
         return {"fell": str(error), "robot_mass": robot.mass, "methods": {}}
     if truth.fell is not None:
         return {"fell": truth.fell[1], "robot_mass": robot.mass, "methods": {}}
