@@ -84,7 +84,7 @@ class LegTask:
     nominal: Mapping[str, float]  # the model's values of all parameters
     fixed: Mapping[str, float]  # parameters that are not identified, at the model's values
     prior: Prior  # of the parameters that are identified
-    varying: Mapping[str, VaryingFriction] = field(default_factory=dict)  # by joint, of those whose friction varies
+    varying: Mapping[str, VaryingFriction] = field(default_factory=dict)  # by joint with Coulomb friction
 
     @classmethod
     def of(cls, robot: Robot, leg: Leg, settings: IdentifySettings) -> LegTask:

@@ -95,7 +95,7 @@ class LegIdentification:
     traces: tuple[TorqueTrace, ...] = ()  # for plots
     warnings: tuple[str, ...] = ()  # for the reader of the report, one sentence each
     information: Information | None = None  # of the training rows, in units of their noise; None if it was not kept
-    varying: Mapping[str, VaryingFriction] = field(default_factory=dict)  # by joint, of those whose friction varies
+    varying: Mapping[str, VaryingFriction] = field(default_factory=dict)  # by joint with Coulomb friction
     # joints whose held-out torques CAD with friction predicts better by more than chance; "" for all together
     worse: tuple[str, ...] = ()
 
@@ -117,7 +117,7 @@ class LegIdentification:
 
     @cached_property
     def constant_friction(self) -> Mapping[str, Quantity]:
-        """By joint whose friction varies, Coulomb friction for models that hold no other: the mean over the log, load
+        """By joint with Coulomb friction, that friction for models that hold no other: the mean over the log, load
         included [N·m].
         """
         names, joints = self.estimate.columns, tuple(self.varying)
@@ -348,7 +348,8 @@ def robot_with_legs(robot: Robot, legs: Iterable[LegIdentification]) -> Robot:
 def _unmeasured(leg: LegIdentification) -> str:
     held: dict[str, list[str]] = {}
     for owner, _, term in (name.rpartition(".") for name, quantity in leg.parameters.items() if quantity.is_held):
-        held.setdefault(owner, []).append(term)
+        if term not in VARYING_UNITS:  # which no format holds
+            held.setdefault(owner, []).append(term)
     listed = "; ".join(f"{owner} {', '.join(terms)}" for owner, terms in held.items())
     why = "Not measured, the model's as far as physical consistency with what was measured allows"
     return listed and f"{why}: {listed}."

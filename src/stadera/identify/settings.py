@@ -104,7 +104,8 @@ class IdentifySettings:
         spread: spread between the drives of the legs; None to identify each leg separately.
         most_carried: share of the robot's weight above which a foot counts as loaded. Feet of a standing or walking
             robot carry a quarter on average; for real legs in the air the estimate is at most 0.01.
-        varying: when friction is taken to vary with position and load; None for never.
+        varying: how friction varies with position and load, and when it is taken to build up after a reversal; None for
+            constant friction.
         trust: limits for a doubtful or bad fit.
         signals: cut-offs and selection of samples.
         solver: settings of the small problem to which the rows are reduced.

@@ -3,9 +3,9 @@
 The model file's links are wrong by 5 to 20 % besides what the test-bed draws. One robot trots and sways; then its legs'
 swinging in the air is added. Every figure is compared with the truth of the same quantity, as drawn: Coulomb friction
 varies with position, and its truth is the mean over the samples in which the joint slides, without load; offsets drift,
-and their truth is the mean over the log. Of legs in the air both are over the half that is fitted, and friction of a
-robot that walks too is that over the positions in the air. All torques of a robot have a
-gain that no log shows; it is drawn with mean one here (`real-unit-gain`).
+and their truth is the mean over the first half of the log, which is fitted with legs in the air. There friction of a
+robot that walks too is that over the positions in the air. All torques of a robot have a gain that no log shows; it is
+drawn with mean one here (`real-unit-gain`).
 """
 
 import zlib
