@@ -3,7 +3,7 @@
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from math import nan, sqrt
+from math import inf, nan, sqrt
 
 import numpy as np
 from rich.console import RenderableType
@@ -12,6 +12,7 @@ from rich.text import Text
 from stadera.constants import NOTHING, SAME
 from stadera.identify.observability import Identifiability
 from stadera.identify.result import MODELS, Identification, LegIdentification, Quantity
+from stadera.identify.varying import VARYING_UNITS
 from stadera.inertia import ORDER
 from stadera.report.numbers import compared, counted, listed, number, with_std
 from stadera.report.table import Cell, TableData, legend, rich_table
@@ -214,9 +215,13 @@ def link_table(leg: LegIdentification) -> TableData:
 
 
 def drives_table(result: Identification) -> TableData:
-    """A row for each joint of all legs: rotor inertia, friction and torque offset; no rows if none were fitted."""
+    """A row for each joint of all legs: rotor inertia, friction and torque offset, and of how friction varies what a
+    joint shows by two standard deviations; no rows if none were fitted.
+    """
     of_leg = {leg.leg.name: _joint_quantities(leg) for leg in result.legs}
-    units = {t: q.unit for joints in of_leg.values() for terms in joints.values() for t, q in terms.items()}
+    every = [item for joints in of_leg.values() for terms in joints.values() for item in terms.items()]
+    shown = {t for t, q in every if t not in VARYING_UNITS or abs(q.value) > 2.0 * (q.std or inf)}
+    units = {t: q.unit for t, q in every if t in shown}
     body = {
         leg: [[joint, *(_drive(terms.get(term)) for term in units)] for joint, terms in joints.items()]
         for leg, joints in of_leg.items()
