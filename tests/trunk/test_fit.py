@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from layout import ERRORS, LAYOUT, PLACES
+from layout import ERRORS, LAYOUT, PLACES, rows_of
 from stadera.robot import load_robot
 from stadera.robot.imu import ImuMount
 from stadera.trunk.error_model import ErrorModel
@@ -65,7 +65,7 @@ def drawn(walk: Walk, scale: float, seed: int) -> Segment:
     for block in made:
         noise = np.sqrt(block.white / 6.0) * rng.standard_normal(6)
         target = block.matrix @ theta + block.errors @ p + noise
-        segment = segment.add(WeightedRows.of(block.time, block.matrix, block.errors, target, block.white))
+        segment = segment.add(rows_of(block.time, block.matrix, block.errors, target, block.white))
     return segment
 
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from layout import ERRORS, LAYOUT, LEARNT, PLACES
+from layout import ERRORS, LAYOUT, LEARNT, PLACES, rows_of
 from stadera.robot import load_robot
 from stadera.trunk.error_model import ErrorModel
 from stadera.trunk.joint_errors import Errors
@@ -57,7 +57,7 @@ def rows_with(p: np.ndarray, noise: float, rng: np.random.Generator, blocks: int
         A, C = rng.standard_normal((6, 10)), rng.standard_normal((6, ERRORS)) / usual
         C[:, PLACES["stiction"]] *= np.arange(12) % 2  # every other joint moves
         b = A @ theta + C @ p + noise * rng.standard_normal(6)
-        out.append(WeightedRows.of(0.02 * k, A, C, b, 6.0 * noise**2))
+        out.append(rows_of(0.02 * k, A, C, b, 6.0 * noise**2))
     return out
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import typer
 
-from layout import ERRORS, LAYOUT, PLACES
+from layout import ERRORS, LAYOUT, PLACES, rows_of
 from stadera import IdentificationError, TrunkEstimator, load_robot, weigh
 from stadera.cli import parse
 from stadera.inertia import InertialParameters
@@ -18,7 +18,7 @@ from stadera.trunk import Samples
 from stadera.trunk.error_model import ErrorModel
 from stadera.trunk.joint_errors import Errors
 from stadera.trunk.outside import Correction, Knowledge
-from stadera.trunk.segment import Segment, WeightedRows
+from stadera.trunk.segment import Segment
 from stadera.trunk.settings import ModelErrors, SwingDetection
 from stadera.trunk.swing import SwingJoints
 from walking import Walk, recorded, walked
@@ -32,7 +32,7 @@ def summed(seed: int) -> Segment:
     rng = np.random.default_rng(seed)
     segment = Segment.prior(np.zeros(10), np.ones(10), LAYOUT)
     for k in range(40):
-        segment = segment.add(WeightedRows.of(0.02 * k, *(rng.normal(size=s) for s in ((6, 10), (6, ERRORS), 6)), 1e-3))
+        segment = segment.add(rows_of(0.02 * k, *(rng.normal(size=s) for s in ((6, 10), (6, ERRORS), 6)), 1e-3))
     return segment
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from layout import ERRORS, LAYOUT
+from layout import ERRORS, LAYOUT, rows_of
 from stadera.trunk.history import RobustWeights
 from stadera.trunk.segment import Segment, WeightedRows
 from stadera.trunk.settings import OutlierSettings
@@ -17,7 +17,7 @@ TRUNK = np.array([50.0, *np.zeros(9)])
 def block(k: int, error: np.ndarray, rng: np.random.Generator) -> WeightedRows:
     """A block of the trunk alone, with an error of its six rows."""
     A = rng.standard_normal((6, 10))
-    return WeightedRows.of(0.02 * k, A, np.zeros((6, ERRORS)), A @ TRUNK + error, 6.0)
+    return rows_of(0.02 * k, A, np.zeros((6, ERRORS)), A @ TRUNK + error, 6.0)
 
 
 def summed(errors: np.ndarray, robust: bool) -> tuple[np.ndarray, RobustWeights, list[float]]:

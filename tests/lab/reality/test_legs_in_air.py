@@ -54,6 +54,7 @@ def test_friction_and_rotors_are_found_in_it() -> None:
         found_there = fit["coulomb"]["value"] + fit["coulomb_load"]["value"] * load
         assert found_there == pytest.approx(gain * (friction + law["load"][k] * load), rel=0.2)
         assert fit["coulomb"]["value"] == pytest.approx(gain * friction, abs=2.5 * fit["coulomb"]["std"])
+        assert fit["coulomb"]["std"] < 0.25 * gain * friction
         assert fit["armature"]["value"] == pytest.approx(gain * true["armature"], rel=0.3)
 
 

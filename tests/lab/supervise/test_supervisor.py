@@ -76,7 +76,7 @@ def test_a_load_put_on_is_noticed_weighed_and_walked_on_with(load: float):
     assert day.states == ROUND
     noticed = day.supervisor.transitions[0]
     assert noticed.time < 3.0 + 0.6
-    assert f"changed by {load:.1f}" in noticed.reason
+    assert f"changed by +{load:.1f}" in noticed.reason
     (found,) = day.walker.models
     expected = StandingRobot(HYQ, load, PLACE)
     assert found.mass == pytest.approx(expected.trunk_mass, abs=0.02)

@@ -329,7 +329,8 @@ class StoppingSupervisor(Supervisor):
 
 def _sentence(change: LoadChange) -> str:
     ago = change.noticed - change.time
-    return f"{ago:.2f} s ago the load changed by {with_std(change.mass, change.mass_std)} kg"
+    grew = "+" if change.mass > 0.0 else ""
+    return f"{ago:.2f} s ago the load changed by {grew}{with_std(change.mass, change.mass_std)} kg"
 
 
 def _payload_of_difference(tare: TrunkModel, loaded: TrunkEstimate) -> Payload:
