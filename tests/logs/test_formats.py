@@ -75,8 +75,13 @@ def test_real_legs_are_identified_the_same_from_every_format(shared_data: Path) 
         return identify("go2", [log], settings)
 
     table = found(take(read(folder / "go2_legs_in_air.csv"), slice(0, 1000)))
-    for name, tolerance in (("jointstate_ros1.bag", 1e-6), ("lowstate_mcap", 1e-3)):
+    expected = table.legs[0].estimate
+    bars = np.sqrt(np.diag(expected.covariance))
+    known = bars > 0.0
+    for name, tolerance in (("jointstate_ros1.bag", 1e-4), ("lowstate_mcap", 1e-3)):  # in bars: stamps differ by 0.2 us
         other = found(folder / "formats" / f"go2_legs_in_air_{name}")
-        np.testing.assert_allclose(other.legs[0].estimate.values, table.legs[0].estimate.values, rtol=0, atol=tolerance)
-        assert other.torque_lag == pytest.approx(table.torque_lag, abs=tolerance)
+        off = np.abs(other.legs[0].estimate.values - expected.values)
+        assert (off[known] < tolerance * bars[known]).all()
+        assert (off[~known] == 0.0).all()
+        assert other.torque_lag == pytest.approx(table.torque_lag, abs=1e-6)
         assert other.trust.misfit == pytest.approx(table.trust.misfit, abs=tolerance)
