@@ -5,9 +5,10 @@ from __future__ import annotations
 import json
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
+from importlib import import_module
 from math import isfinite
 from os import PathLike
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from stadera.errors import MissingExtraError
 from stadera.files import write_text, written_together
@@ -22,8 +23,11 @@ if TYPE_CHECKING:
 class Result(ABC):
     """A result that can be saved. Files are written completely or not at all.
 
-    Every `save_...` raises StaderaError if the path cannot be written.
+    Every `save_...` raises StaderaError if the path cannot be written. `report` is the module that shows the result, by
+    functions `html`, `tables` and `figures`; empty if it has no tables and figures of its own.
     """
+
+    report: ClassVar[str] = ""
 
     @abstractmethod
     def to_dict(self) -> dict[str, Any]:
@@ -33,17 +37,17 @@ class Result(ABC):
     def to_dataframe(self) -> Any:
         """The result's main table as a pandas DataFrame. Raises MissingExtraError: pandas is not installed."""
 
-    @abstractmethod
     def to_html(self) -> str:
         """The report as one self-contained HTML page."""
+        return str(import_module(self.report).html(self))
 
     def to_tables(self) -> list[TableData]:
-        """Tables of the report that are suited to a paper. Empty by default."""
-        return []
+        """Tables of the report that are suited to a paper."""
+        return list(import_module(self.report).tables(self)) if self.report else []
 
     def to_figures(self) -> Mapping[str, Figure | TableData]:
-        """Figures of the report by name, the most informative first. Empty by default."""
-        return {}
+        """Figures of the report by name, the most informative first."""
+        return dict(import_module(self.report).figures(self)) if self.report else {}
 
     def to_latex(self) -> str:
         """The tables as LaTeX. Needs the packages booktabs and amsmath."""

@@ -84,7 +84,7 @@ def test_debug_is_an_option_of_every_command_and_changes_no_answer(run):
 def test_what_a_terminal_shows_needs_neither_plots_nor_pages():
     code = (
         "import sys\n"
-        "import stadera.report.excite, stadera.report.identify.tables\n"
+        "import stadera.report.excite.leg, stadera.report.identify.tables\n"
         "import stadera.report.inspect, stadera.report.weigh.tables\n"
         "print([name for name in ('matplotlib', 'jinja2') if name in sys.modules])"
     )

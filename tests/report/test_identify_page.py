@@ -12,7 +12,7 @@ import pytest
 from stadera.identify.observability import Identifiability
 from stadera.identify.result import Quantity, TorqueTrace
 from stadera.report.figures import Figure
-from stadera.report.identify.page import error_figure, identification_html, plotted_traces, torque_figure
+from stadera.report.identify.page import error_figure, plotted_traces, torque_figure
 from stadera.report.identify.tables import link_tables, remarks
 from stadera.report.numbers import number
 
@@ -66,7 +66,7 @@ class _Page(HTMLParser):
 
 @pytest.fixture(scope="module")
 def html(result) -> str:
-    return identification_html(result)
+    return result.to_html()
 
 
 @pytest.fixture(scope="module")
@@ -155,7 +155,7 @@ def test_every_figure_has_axes_with_units(result):
 def test_bad_news_comes_first(result):
     (leg,) = result.legs
     unvalidated = replace(result, legs=(replace(leg, rmse={"training": leg.rmse["training"]}),), validated_on=None)
-    page = _Page(identification_html(unvalidated))
+    page = _Page(unvalidated.to_html())
     assert page.text.index("Do not use these numbers") < page.text.index("nothing was held out")
     assert page.text.index("nothing was held out") < page.text.index("identified, all") < page.text.index("2 % of the")
 
@@ -182,5 +182,5 @@ def test_gaps_are_drawn_as_gaps(result):
 def test_no_traces_no_plots(result):
     (leg,) = result.legs
     assert error_figure(replace(leg, traces=())).is_empty
-    without = identification_html(replace(result, legs=(replace(leg, traces=()),)))
+    without = replace(result, legs=(replace(leg, traces=()),)).to_html()
     assert len(_Page(without).figures) == 1

@@ -65,7 +65,7 @@ def excite(
     from stadera.excite.design import ExciteSettings, motion_table
     from stadera.excite.design import excite as design
     from stadera.logs import write_table
-    from stadera.report.excite import excitation_tables
+    from stadera.report.excite.leg import excitation_tables
 
     settings = ExciteSettings(duration, rate, seed, random, stand_height=stand_height)
     files.check(out)
@@ -88,7 +88,7 @@ def _trunk(
     from stadera.excite.trunk.design import RoutineSettings, weighing_routine
     from stadera.excite.trunk.planted import AXES
     from stadera.excite.trunk.result import interface_named
-    from stadera.report.excite import routine_tables
+    from stadera.report.excite.trunk import routine_tables
 
     axes = AXES if player is Player.csv else interface_named(player.value).axes
     settings = RoutineSettings(seconds, rate, seed, axes)

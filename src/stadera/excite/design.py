@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from os import PathLike
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -22,10 +22,6 @@ from stadera.robot.load import load_robot
 from stadera.robot.model import Robot
 from stadera.robot.stance import standing_configuration
 from stadera.types import Array
-
-if TYPE_CHECKING:
-    from stadera.report.figures import Figure
-    from stadera.report.table import TableData
 
 
 @dataclass(frozen=True)
@@ -195,6 +191,8 @@ class Excitation(Result):
     combinations: tuple[Combination, ...]
     rigid_rank: int
 
+    report = "stadera.report.excite.leg"
+
     @property
     def gained(self) -> float | None:
         """Information in excess of the median random draw's [nat]; None without draws."""
@@ -233,24 +231,6 @@ class Excitation(Result):
         if not self.draws:
             return {"random draw": self.chosen}
         return {"optimised": self.chosen, **{f"draw {k + 1}": draw for k, draw in enumerate(self.draws)}}
-
-    def to_html(self) -> str:
-        """The report as one self-contained HTML page."""
-        from stadera.report.excite import excitation_html
-
-        return excitation_html(self)
-
-    def to_tables(self) -> list[TableData]:
-        """Extremes of the motion, and its expected information."""
-        from stadera.report.excite import limits_table, worth_table
-
-        return [limits_table(self), worth_table(self)]
-
-    def to_figures(self) -> Mapping[str, Figure]:
-        """Figures: information (of each combination of parameters) and motion."""
-        from stadera.report.excite import figures
-
-        return figures(self)
 
     def to_dataframe(self) -> Any:
         """A pandas DataFrame, one row for each identifiable combination: combination, std (share of the prior's),

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -25,10 +25,6 @@ from stadera.trunk.memory import Memory
 from stadera.trunk.result import TrunkParameters
 from stadera.trust import Trust
 from stadera.types import Array
-
-if TYPE_CHECKING:
-    from stadera.report.figures import Figure
-    from stadera.report.table import TableData
 
 MODELS: tuple[str, ...] = ("prior", "prior_friction", "identified")
 """Models to compare: the robot's own, the same with its joint terms fitted, and the identified one."""
@@ -188,6 +184,8 @@ class Identification(Result):
     agreement: Agreement | None = None
     memory: Memory | None = None
 
+    report = "stadera.report.identify.page"
+
     @property
     def rank(self) -> int:
         """Number of directions that the data determine better than the prior, over all legs."""
@@ -231,12 +229,6 @@ class Identification(Result):
         from stadera.identify.schema import identification_frame
 
         return identification_frame(self)
-
-    def to_html(self) -> str:
-        """The report as one self-contained HTML page."""
-        from stadera.report.identify.page import identification_html
-
-        return identification_html(self)
 
     def save_urdf(self, path: str | PathLike[str]) -> None:
         """Writes the robot's model file with the identified values, in the original's format; ModelError for another
@@ -303,18 +295,6 @@ class Identification(Result):
     def unmeasured(self) -> tuple[str, ...]:
         """Which values the logs do not measure, one sentence for each leg."""
         return tuple(filter(None, map(_unmeasured, self.legs)))
-
-    def to_tables(self) -> list[TableData]:
-        """Tables of links and joints of each leg, then of the torque errors."""
-        from stadera.report.identify.tables import tables
-
-        return tables(self)
-
-    def to_figures(self) -> Mapping[str, Figure | TableData]:
-        """Figures torques, observability, errors, spread (of several legs: torques-LF, ...), and rmse of all joints."""
-        from stadera.report.identify.page import figures
-
-        return figures(self)
 
     def identified_robot(self) -> Robot:
         """The robot with the identified parameters of links and joints, and of the trunk as far as it was observed."""

@@ -20,7 +20,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from math import exp
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -43,10 +43,6 @@ from stadera.results import Result, data_frame
 from stadera.robot.load import load_robot
 from stadera.robot.model import JointDynamics, Robot
 from stadera.types import Array, Progress
-
-if TYPE_CHECKING:
-    from stadera.report.figures import Figure
-    from stadera.report.table import TableData
 
 
 @dataclass(frozen=True)
@@ -101,6 +97,8 @@ class Replay(Result):
     lag: float  # of the torques [s]
     gains: PdGains | None  # of the controller; None for torques alone
 
+    report = "stadera.lab.report.replay"
+
     def rmse(self, model: str, window: float) -> Array:
         """Root mean square error over all rollouts of this length [s], (joints,) [rad]."""
         within = self.time <= window + 1e-9
@@ -140,24 +138,6 @@ class Replay(Result):
             for joint, error in zip(self.joints, self.rmse(model, window).tolist(), strict=True)
         ]
         return data_frame(dict(zip(("window", "model", "joint", "rmse"), zip(*rows, strict=True), strict=True)))
-
-    def to_html(self) -> str:
-        """The page."""
-        from stadera.lab.report.replay import replay_html
-
-        return replay_html(self)
-
-    def to_tables(self) -> list[TableData]:
-        """RMSE by model and window, then by joint."""
-        from stadera.lab.report.replay import joint_table, model_table
-
-        return [model_table(self), joint_table(self)]
-
-    def to_figures(self) -> Mapping[str, Figure | TableData]:
-        """Paths of the joints, measured and by each model, and errors by joint."""
-        from stadera.lab.report.replay import figures
-
-        return figures(self)
 
 
 def replay(

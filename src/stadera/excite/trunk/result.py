@@ -26,8 +26,6 @@ from stadera.types import Array
 
 if TYPE_CHECKING:
     from stadera.excite.trunk.design import RoutineSettings
-    from stadera.report.figures import Figure
-    from stadera.report.table import TableData
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -41,6 +39,8 @@ class Routine(Result):
     torque: Array  # (n,) largest torque of each joint [N·m], bare and with the heaviest load
     expected: PayloadBars  # error bars of a payload of `load` [kg] to expect from a log without and one with it
     load: float  # [kg]
+
+    report = "stadera.report.excite.trunk"
 
     @property
     def peaks(self) -> Array:
@@ -107,26 +107,8 @@ class Routine(Result):
         """`columns` as a pandas DataFrame. Raises MissingExtraError: pandas is not installed."""
         return data_frame(self.columns)
 
-    def to_tables(self) -> list[TableData]:
-        """The trunk's motion and the joints' extremes."""
-        from stadera.report.excite import joints_table, trunk_table
-
-        return [trunk_table(self), joints_table(self)]
-
-    def to_figures(self) -> Mapping[str, Figure]:
-        """The trunk's path and the feet's forces."""
-        from stadera.report.excite import routine_figures
-
-        return routine_figures(self)
-
-    def to_html(self) -> str:
-        """The report as one self-contained page, with a film of the motion."""
-        from stadera.report.excite import routine_html
-
-        return routine_html(self)
-
     def __repr__(self) -> str:
-        from stadera.report.excite import promise
+        from stadera.report.excite.trunk import promise
 
         return f"Weighing routine of {self.robot.name}, {self.settings.seconds:g} s: {promise(self)}"
 

@@ -41,6 +41,11 @@ def joint_table(result: Replay) -> TableData:
     return TableData.of(f"Error of each joint's path over {window:g} s [rad]", ("joint", *result.paths), rows)
 
 
+def tables(result: Replay) -> list[TableData]:
+    """RMSE by model and window, then by joint."""
+    return [model_table(result), joint_table(result)]
+
+
 def figures(result: Replay) -> dict[str, Figure]:
     """Paths of the joints over successive rollouts, then errors by joint."""
     window = result.windows[len(result.windows) // 2]
@@ -76,7 +81,7 @@ def _shown(result: Replay, model: str, window: float, far: float = 10.0) -> bool
     return result.overall(model, window) <= far * least
 
 
-def replay_html(result: Replay) -> str:
+def html(result: Replay) -> str:
     """The complete, self-contained page."""
     tested, *others = result.paths
     window = result.windows[len(result.windows) // 2]

@@ -7,18 +7,23 @@ import numpy as np
 
 from stadera.identify.result import MODELS, Identification, LegIdentification, TorqueTrace
 from stadera.report.figures import Axis, Bars, Figure, Guide, Panel, Series, line, stacked
-from stadera.report.identify import tables
 from stadera.report.identify.tables import (
     HEADLINES,
     MODEL_NAMES,
     answer,
     badge,
+    combination_table,
+    drives_table,
     evaluated_part,
     is_alarming,
+    leg_table,
     level,
     link_table,
+    link_tables,
     overall_rmse,
     remarks,
+    rmse_table,
+    tables,
 )
 from stadera.report.look import ROLES
 from stadera.report.numbers import compared, number
@@ -27,6 +32,8 @@ from stadera.report.table import TableData
 from stadera.report.trust import marked, trust_reasons
 from stadera.trust import Trust
 from stadera.types import Array
+
+__all__ = ["figures", "html", "tables"]
 
 _METHODS = {
     "consistent": "physically consistent (maximum a posteriori, CAD as prior)",
@@ -63,10 +70,10 @@ def next_steps(result: Identification, enough: float = 0.6) -> Iterator[str]:
         yield f"Write them into the model file: `stadera identify LOG --robot {robot} --export identified.urdf`."
 
 
-def identification_html(result: Identification) -> str:
+def html(result: Identification) -> str:
     """The complete, self-contained page."""
     part, (how, word), said = evaluated_part(result), badge(result), remarks(result)
-    drives = tables.drives_table(result)
+    drives = drives_table(result)
     return render(
         "identify.html.j2",
         title=f"Leg identification: {result.robot.name}",
@@ -78,10 +85,10 @@ def identification_html(result: Identification) -> str:
         problems=[remark for remark in said if remark.level == "bad"],
         remarks=[remark for remark in said if remark.level != "bad"],
         cards=_cards(overall_rmse(result, part)),
-        at_a_glance=tables.leg_table(result),
+        at_a_glance=leg_table(result),
         drives=marked(drives, result.trust) if drives.groups else None,
         where=f"motion not used for fitting: {result.validated_on}" if part == "validation" else "the TRAINING data",
-        errors=tables.rmse_table(result),
+        errors=rmse_table(result),
         error_bars=rmse_figure(result.legs, part),
         legs=[_leg(leg, part, result.trust) for leg in result.legs],
         facts=_facts(result),
@@ -122,8 +129,8 @@ def _leg(leg: LegIdentification, part: str, trust: Trust) -> dict[str, object]:
         "name": leg.leg.name,
         "lead": f"The log determines {seen.rank} of {len(seen.columns)} directions better than CAD does. "
         f"Rich motion without noise could determine {leg.structural_rank}.",
-        "links": [marked(table, trust) for table in tables.link_tables(leg)],
-        "combinations": marked(tables.combination_table(leg), trust) if leg.combinations else None,
+        "links": [marked(table, trust) for table in link_tables(leg)],
+        "combinations": marked(combination_table(leg), trust) if leg.combinations else None,
         "plots": [figure for figure in drawn if not figure.is_empty],
     }
 

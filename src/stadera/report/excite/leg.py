@@ -1,22 +1,15 @@
-"""Reports of an excitation and of a weighing routine: tables, figures, terminal and page."""
+"""Report of an excitation of a leg: tables, figures, terminal and page."""
 
-import json
 from collections.abc import Iterator
-from math import isfinite
-from typing import Any
 
 import numpy as np
 from rich.console import RenderableType
 from rich.text import Text
-from scipy.spatial.transform import Rotation
 
 from stadera.excite.design import Excitation
-from stadera.excite.trunk.planted import AXES
-from stadera.excite.trunk.result import Routine
 from stadera.report.figures import Axis, Figure, Guide, Panel, Series, line
-from stadera.report.numbers import counted, number
+from stadera.report.numbers import number
 from stadera.report.table import TableData, notes, rich_table
-from stadera.robot.kinematics import forward_kinematics
 
 
 def limits_table(result: Excitation) -> TableData:
@@ -74,6 +67,11 @@ def verdict(result: Excitation) -> str:
     )
 
 
+def tables(result: Excitation) -> list[TableData]:
+    """Extremes of the motion, and its expected information."""
+    return [limits_table(result), worth_table(result)]
+
+
 def figures(result: Excitation) -> dict[str, Figure]:
     """All figures by name."""
     return {"information": std_figure(result), "motion": motion_figure(result)}
@@ -129,7 +127,7 @@ def excitation_tables(result: Excitation) -> Iterator[RenderableType]:
     yield Text(verdict(result))
 
 
-def excitation_html(result: Excitation) -> str:
+def html(result: Excitation) -> str:
     """The complete, self-contained page."""
     from stadera.report.page import render
 
@@ -186,123 +184,3 @@ def _facts(result: Excitation) -> dict[str, str]:
         "Least distance": near if np.isfinite(distance) else "the model has no shapes",
         "Seed": str(settings.seed),
     }
-
-
-def promise(result: Routine) -> str:
-    """The error bars to expect, in one line."""
-    bars = result.expected
-    named = zip("xyz", bars.com, strict=True)
-    x, y, z = (f"{axis} ± {1e3 * v:.0f} mm" if isfinite(v) else f"{axis} not determined" for axis, v in named)
-    return (
-        f"a payload of {number(result.load, 3)} kg to ± {number(bars.mass, 2)} kg, and ± {100.0 * bars.scale:.1f} % of "
-        f"it for the torques' scale; its centre {x}, {y}, {z}"
-    )
-
-
-def trunk_table(result: Routine) -> TableData:
-    """Largest value of each coordinate of the trunk."""
-    path = result.path
-    rows = []
-    for k, axis in enumerate(AXES):
-        peak, turns = result.peaks[k], k < 3
-        if peak > 0.0:
-            value = f"{np.rad2deg(peak):.1f}°" if turns else f"{1e3 * peak:.0f} mm"
-            rows.append((axis, value, ", ".join(f"{f:.2f}" for f in sorted(path.frequencies[0, k]))))
-    return TableData.of("The trunk's motion", ("coordinate", "largest", "frequencies [Hz]"), rows)
-
-
-def joints_table(result: Routine) -> TableData:
-    """Extremes of each joint, and its limits."""
-    motion, limits = result.planted.motion, result.robot.limits
-    rows = [
-        (
-            joint,
-            f"{number(motion.position[:, k].min(), 3)} to {number(motion.position[:, k].max(), 3)}",
-            f"{number(np.abs(motion.velocity[:, k]).max(), 3)} of {number(limits[joint].velocity, 3, 'no limit')}",
-            f"{number(result.torque[k], 3)} of {number(limits[joint].effort, 3, 'no limit')}",
-        )
-        for k, joint in enumerate(result.robot.tree.joints)
-    ]
-    head = ("joint", "position [rad]", "velocity [rad/s]", "torque with the heaviest load [N·m]")
-    return TableData.of("Extremes of the joints, of their limits", head, rows)
-
-
-def routine_figures(result: Routine) -> dict[str, Figure]:
-    """The trunk's path over time, and the feet's normal forces."""
-    time, pose = result.planted.time, result.planted.pose
-    colours = ("blue", "orange", "green")
-    panels = []
-    for part, (scale, label) in enumerate(((np.rad2deg(1.0), "angle [°]"), (1e3, "shift [mm]"))):
-        three = [k for k in range(3 * part, 3 * part + 3) if result.peaks[k] > 0.0]
-        marks = tuple(line(time, scale * pose[:, k], AXES[k], colours[k % 3]) for k in three)
-        if marks:
-            panels.append((Panel(Axis("time [s]"), Axis(label), marks),))
-    _, force = result.planted.torques(result.robot.inertias[result.robot.trunk])
-    normal = (force * result.planted.motion.normal[:, None]).sum(axis=2)
-    names = [leg.name for leg in result.robot.legs]
-    cycle = ("blue", "orange", "green", "purple", "red", "steel")
-    feet = tuple(line(time, normal[:, k], name, cycle[k % len(cycle)]) for k, name in enumerate(names))
-    return {
-        "path": Figure("Roll, pitch, yaw and shift of the trunk, relative to the stance", tuple(panels)),
-        "feet": Figure("Normal force of each foot, bare robot", ((Panel(Axis("time [s]"), Axis("force [N]"), feet),),)),
-    }
-
-
-def routine_tables(result: Routine) -> Iterator[RenderableType]:
-    """What to expect, the trunk's motion, the joints' extremes."""
-    yield Text(promise(result)[0].upper() + promise(result)[1:] + ".")
-    yield rich_table(trunk_table(result))
-    yield rich_table(joints_table(result))
-
-
-def film(result: Routine, rate: float = 25.0) -> dict[str, Any]:
-    """Points of the trunk's outline and of the legs in the world [m], picture by picture, and the interval [s]."""
-    planted, robot = result.planted, result.robot
-    every = max(1, round(result.settings.rate / rate))
-    q, pose = planted.motion.position[::every], planted.pose[::every]
-    rotations, translations = forward_kinematics(robot.tree, q)
-    lines = []
-    for leg in robot.legs:
-        at = [robot.tree.links.index(link) for link in leg.links]
-        foot = translations[:, at[-1]] + rotations[:, at[-1]] @ np.array(leg.foot_position)
-        lines.append(np.concatenate([translations[:, at], foot[:, None]], axis=1))
-    hips = np.array(robot.hips)
-    middle = hips.mean(axis=0)
-    around = np.argsort(np.arctan2(hips[:, 1] - middle[1], hips[:, 0] - middle[0]))
-    lines.append(np.broadcast_to(hips[[*around, around[0]]], (len(q), len(hips) + 1, 3)))
-    turn = Rotation.from_euler("ZYX", pose[:, [2, 1, 0]]).as_matrix()
-    world = [np.round(points @ turn.transpose(0, 2, 1) + pose[:, None, 3:], 4).tolist() for points in lines]
-    return {"lines": world, "interval": every / result.settings.rate}
-
-
-def routine_html(result: Routine) -> str:
-    """The complete, self-contained page."""
-    from stadera.report.page import render, script_data
-
-    robot, seconds = result.robot.name, f"{result.settings.seconds:g}"
-    drawn = routine_figures(result)
-    return render(
-        "routine.html.j2",
-        title=f"Weighing routine of {robot}",
-        headline=f"{seconds} s without and {seconds} s with the load weigh {promise(result)}.",
-        level="note",
-        word="Within the limits",
-        why=f"Feet stay in place with up to {100.0 * result.settings.heaviest:g} % of the robot anywhere on its back.",
-        next=(
-            f"Write a script that plays it: `stadera excite --robot {robot} --trunk --for unitree --out play.py`.",
-            "Record joints, torques and IMU while the robot does it, stop, put the load on, and let it do it again.",
-            f"Weigh the load: `stadera weigh LOG --robot {robot} --tare 0:{seconds}`.",
-        ),
-        film=script_data(json.dumps(film(result), separators=(",", ":"))),
-        trunk=trunk_table(result),
-        joints=joints_table(result),
-        path=drawn["path"],
-        feet=drawn["feet"],
-        facts={
-            "Robot": robot,
-            "Duration": f"{seconds} s, from rest to rest",
-            "Error bars": "the estimator's on simulated logs, median of "
-            f"{counted(result.settings.drawn, 'robot')} drawn from its prior",
-            "Seed": str(result.settings.seed),
-        },
-    )
