@@ -175,6 +175,9 @@ class WindowLimits:
     kept: float = 0.7  # share of the step that must remain then
     # multiple of a drive's limit above which a torque is impossible; models often state a third of the true limit
     beyond: float = 4.0
+    # the same of a few samples, which also exceed the joint's `most_usual` quantile so many times
+    apart: float = 2.0
+    most_usual: float = 0.98
     weights: float = 3.0  # torque that no drive gives, in robot weights times leg length
     # relative tolerance within which the largest torque is the drive's own limit, which is not a fault
     own_limit: float = 0.02

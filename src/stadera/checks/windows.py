@@ -5,7 +5,7 @@ Joint by joint, in windows of a second:
 - velocity against change of position. Over steps of T = 20 ms, D = Δq / T and M = ∫ q̇ dt / T are equal except for
   noise. Their correlation ρ = Σ DM / √(Σ D² Σ M²) and gain g = Σ DM / Σ D² are 1 wherever the joint moves.
 - jump of the position: a single step of q that is missing in ∫ q̇ dt, and that is not reversed soon after.
-- impossible torque: several times the drive's limit.
+- impossible torque: several times the drive's limit, or above it and apart from all others of the joint.
 - clipped torque: a signal that changes with every sample elsewhere but repeats its maximum bit for bit.
 - torque that is only noise: means over 20 ms are uncorrelated, while those of the other torques are correlated.
 """
@@ -175,11 +175,12 @@ def _jumps(apart: Array, way: Array, time: Array, joints: tuple[str, ...], limit
 def _beyond(effort: Array, robot: Robot, windows: Windows, limits: WindowLimits) -> Iterator[Finding]:
     strongest = limits.weights * robot.mass * GRAVITY * robot.leg_length
     for j, joint in enumerate(robot.tree.joints):
-        most = min(limits.beyond * robot.limits[joint].effort, strongest)
-        wild = np.abs(effort[:, j]) > most
+        size, limit = np.abs(effort[:, j]), robot.limits[joint].effort
+        apart = limits.apart * max(limit, float(np.quantile(size, limits.most_usual)))
+        wild = size > min(limits.beyond * limit, strongest, apart)
         if wild.any():
             chosen = np.bincount(windows.of_sample[wild], minlength=len(windows)) > 0
-            peak = float(np.abs(effort[:, j]).max())
+            peak = float(size.max())
             text = f"is up to {peak:.3g} N·m in {np.count_nonzero(wild)} samples, more than any drive of it gives"
             yield Finding("effort", f"the torque of {joint!r} {text}", spans=windows.spans(chosen))
 

@@ -22,7 +22,6 @@ from stadera.logs.recording import OtherJoints, with_velocity
 from stadera.robot.model import Robot
 from stadera.trunk.registry import METHODS
 from stadera.trust import Verdict
-from stadera.types import Array, Bools
 from stadera.weigh.result import Refusal
 from stadera.weigh.settings import Source, WeighSettings
 
@@ -101,27 +100,30 @@ class CheckedLog:
             self.end = float(chunk.time[-1])
             duration, limits = self.end - float(chunk.time[0]), self._settings.windows
             self._skip(window_faults(chunk, self._robot, limits), duration)
-            checked = with_velocity(chunk)
+            checked = self._used(with_velocity(chunk))
             self.notes |= dict.fromkeys(checked.notes)
             self.doubts |= {("doubtful", doubt): None for doubt in checked.doubts}
             if self.event is not None:
                 self.event = replace(self.event, end=self.end)
+            elif not len(checked):
+                continue
             elif findings := diagnose(checked, self._robot, self.imu_frame):
                 self._found(findings, checked, duration)
             else:
                 self._sound = True
-            used = self._used(checked.time)
-            if used.any():
-                yield checked if used.all() else take(checked, used)
+            if len(checked := self._used(checked)):
+                yield checked
 
-    def _used(self, time: Array) -> Bools:
+    def _used(self, chunk: Recording) -> Recording:
         """The samples outside the times that are left out."""
-        used = np.ones(len(time), dtype=bool)
+        time, used = chunk.time, np.ones(len(chunk), dtype=bool)
         for part in self.left_out:
             used &= (time < part.begin) | (time > part.end)
         if self.before is not None:
             used &= time > self.before.end
-        return used if self.event is None else used & (time < self.event.begin)
+        if self.event is not None:
+            used &= time < self.event.begin
+        return chunk if used.all() else take(chunk, used)
 
     def _skip(self, faults: Sequence[Finding], duration: float) -> None:
         """Leaves out the parts with faults that are short, and doubts the log for the others."""
@@ -136,14 +138,14 @@ class CheckedLog:
     def _found(self, findings: Sequence[Finding], chunk: Recording, duration: float) -> None:
         """Decides what the findings on a chunk of this duration [s] mean."""
         wrong = any(f.cause in (*FATAL, "contradiction", "not_on_feet") for f in findings)
-        units = chunk.time[0] == self.begin and any(f.cause in _UNITS for f in findings)
+        units = self.end == self.first.time[-1] and any(f.cause in _UNITS for f in findings)
         if wrong and not units and self._on_feet(chunk):
             self._sound = True
             return
         self._sound = self._sound or not wrong
         self._skip([finding for finding in findings if finding.spans], duration)
         for finding in findings:
-            if not finding.spans:
+            if not finding.spans and not (finding.cause == "dropout" and self.left_out):  # the gap may be of these
                 self._note(finding)
 
     def _note(self, finding: Finding) -> None:
