@@ -280,6 +280,7 @@ def reproduce(
         int | None,
         option("N", "For alarms, reality, faults, humanoids, identified: repetitions of the whole grid.", min=1),
     ] = None,
+    robots: Annotated[str | None, option("A,B,...", "For the same: of its robots these only.")] = None,
     *,
     processes: PoolOptions,
     files: ResultFiles,
@@ -288,7 +289,7 @@ def reproduce(
 
     A bound that is not met is reported in terminal, page and JSON; it is a measurement, not an error.
     """
-    pool = processes.pool()
+    pool, chosen = processes.pool(), parse.names(robots) or ()
 
     from stadera.lab import require_lab
 
@@ -300,7 +301,7 @@ def reproduce(
     files.check()
     results = []
     with progress() as watch:
-        settings = ReproduceSettings(seed, quick, folder or data, keep, seeds, pool)
+        settings = ReproduceSettings(seed, quick, folder or data, keep, seeds, chosen, pool)
         for result in run_experiments(experiments, settings, watch or (lambda *_: None)):
             results.append(result)
     _write_all(results, files)

@@ -89,8 +89,8 @@ def place_of(robot: Robot, name: str) -> Place:
     raise UnknownNameError("link", name, (*tree.links, *(extra.links if extra is not None else ())), robot.name)
 
 
-def _chain(extra: ExtraJoints, joint: int) -> Iterator[int]:
-    """The joints of a limb from its end inwards, up to where it branches off or the trunk."""
+def inwards(extra: ExtraJoints, joint: int) -> Iterator[int]:
+    """Yields the joints of a limb from one of them inwards, up to where it branches off or the trunk."""
     while True:
         yield joint
         joint = extra.parents[joint]
@@ -100,7 +100,7 @@ def _chain(extra: ExtraJoints, joint: int) -> Iterator[int]:
 
 def _reach(extra: ExtraJoints, joint: int) -> float:
     """Distance [m] along a limb from its first joint to the centre of its last link."""
-    *before, _ = _chain(extra, joint)
+    *before, _ = inwards(extra, joint)
     return sum(float(np.linalg.norm(arm)) for arm in (extra.bodies[joint].com, *extra.translations[before]))
 
 
@@ -117,5 +117,5 @@ def _beyond(extra: ExtraJoints, joints: list[int], joint: int) -> float:
 def _alike(extra: ExtraJoints, one: int, other: int) -> bool:
     """True if two limbs have as many joints and hands of about the same mass."""
     a, b = extra.bodies[one].mass, extra.bodies[other].mass
-    same = len(list(_chain(extra, one))) == len(list(_chain(extra, other)))
+    same = len(list(inwards(extra, one))) == len(list(inwards(extra, other)))
     return same and abs(a - b) < _ALIKE * max(a, b)

@@ -9,11 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from stadera.errors import MissingExtraError, StaderaError, UnknownNameError
 from stadera.fleet.pool import Pool
 from stadera.lab.experiments import faults
 from stadera.lab.experiments.fault_kinds import FORCES, SIGNAL_FAULTS
 from stadera.lab.experiments.faults import CLEAN, HOW, FaultCase, FaultyLog, LogCase, cases, weigh_faulty
-from stadera.lab.experiments.runner import ExperimentResult, ReproduceSettings, run_grid
+from stadera.lab.experiments.runner import ExperimentResult, ReproduceSettings, chosen, run_grid
 from stadera.lab.scenarios.catalog import SimulateSettings
 from stadera.lab.scenarios.run import simulate
 from stadera.logs import Recording
@@ -43,7 +44,8 @@ def summary(*entries: tuple[str, dict[str, Any]]) -> dict[str, float]:
 def test_the_grid_has_every_fault_for_every_robot_motion_and_seed() -> None:
     grid = cases(ReproduceSettings())
     weighings = [FaultCase(case.log, fault) for case in grid for fault in case.faults]
-    assert len(weighings) == len(set(weighings)) == 6 * 4 * 8 * (1 + len(SIGNAL_FAULTS) + len(FORCES)) > 10_000
+    logs = (7 * 4 + 2 * 3) * 8
+    assert len(weighings) == len(set(weighings)) == logs * (1 + len(SIGNAL_FAULTS) + len(FORCES)) > 10_000
     assert {case.log.share for case in weighings} == {0.0, HOW.load}
     assert sum(len(case.faults) for case in cases(ReproduceSettings(quick=True))) > 200
     pushed = [case for case in weighings if case.fault in FORCES]
@@ -93,19 +95,43 @@ def test_a_part_of_it_is_run_and_goes_on(tmp_path: Path, monkeypatch: pytest.Mon
     assert again["faults"][CLEAN]["status"] == "crashed"
 
 
-def test_a_case_is_faulty_in_the_same_way_every_time() -> None:
-    robot = load_robot("go2")
-    log = simulate(robot, "shake", SimulateSettings("standard", duration=1.0)).recording
-    for name, fault in SIGNAL_FAULTS.items():
+@pytest.mark.parametrize("name", ["go2", "g1"])
+def test_a_case_is_faulty_in_the_same_way_every_time(name: str) -> None:
+    """A robot without arms, or without hind legs, does not have their faults."""
+    try:
+        robot = load_robot(name)
+    except MissingExtraError as error:
+        pytest.skip(str(error))
+    log = simulate(robot, "shake", SimulateSettings("standard", duration=1.0, arms=0.3)).recording
+    for fault_name, fault in SIGNAL_FAULTS.items():
         one, other = (fault.spoil(log, robot, np.random.default_rng(3)) for _ in range(2))
         assert len(one) == len(other)
-        assert (one.position == other.position).all(), name
+        assert one.joints == other.joints
+        assert (one.position == other.position).all(), fault_name
         changed = any(_differs(one, log, channel) for channel in ("time", "position", "velocity", "effort", "imu"))
-        assert changed, name
+        lacks = ("arm",) if robot.extra is None else ("hind", "two legs")
+        assert (changed or fault.model(robot) is not robot) is not any(part in fault_name for part in lacks), fault_name
+
+
+def test_the_faults_of_other_robots_are_not_weighed() -> None:
+    outcome = weigh_faulty(FaultyLog(LOG, ("arms not in the log", "model without arms", "model of legs 15 % larger")))
+    assert list(outcome["faults"]) == ["model of legs 15 % larger"]
+
+
+def test_robots_are_chosen_by_name() -> None:
+    def run(*robots: str) -> set[str]:
+        return {case.robot for case in chosen(cases(ReproduceSettings()), "faults", robots)}
+
+    assert run() == set(faults.ROBOTS)
+    assert run("g1", "talos") == {"g1", "talos"}
+    with pytest.raises(UnknownNameError, match="unknown robot 'nao'; valid: hyq"):
+        run("nao")
+    with pytest.raises(StaderaError, match="table1 does not run robot by robot"):
+        chosen([LogCase("go2", "stand", 0), HOW], "table1", ("go2",))
 
 
 def _differs(one: Recording, other: Recording, channel: str) -> bool:
-    if len(one) != len(other):
+    if len(one) != len(other) or one.joints != other.joints:
         return True
     if channel == "imu":
         names = ("angular_velocity", "linear_acceleration")

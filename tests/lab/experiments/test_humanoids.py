@@ -6,26 +6,26 @@ import pytest
 
 from stadera import weigh
 from stadera.errors import MissingExtraError
-from stadera.lab.experiments.humanoids import FAULTS, MOTIONS, CarryCase, cases, hand_of, summary, weighed
+from stadera.lab.experiments.humanoids import MOTIONS, CarryCase, cases, hand_of, summary, weighed
 from stadera.lab.experiments.runner import ReproduceSettings
 from stadera.lab.scenarios.catalog import SimulateSettings
 from stadera.lab.scenarios.run import simulate
 from stadera.robot import load_robot
 
 
-def test_every_motion_has_loads_on_trunk_and_hand_and_every_fault() -> None:
+def test_every_motion_has_loads_on_trunk_and_hand() -> None:
     grid = cases(ReproduceSettings(seeds=2))
-    assert len(set(grid)) == len(grid) == 2 * len(MOTIONS) * (4 + len(FAULTS))
+    assert len(set(grid)) == len(grid) == 2 * len(MOTIONS) * 4
 
 
-def test_a_fault_that_changes_the_mass_unseen_is_counted() -> None:
+def test_errors_are_counted_by_load() -> None:
     good = {"fell": None, "verdict": "good", "robot_mass": 30.0, "true_mass": 3.0, "mass": 3.03, "std": 0.03}
     runs = [good | {"at": "", "found_at": ""}, good | {"at": "hand", "found_at": "", "mass": 3.3}, {"fell": "fell"}]
-    grid = [CarryCase("g1", "shake", "trunk", "real", 0), CarryCase("g1", "shake", "hand", "real", 0, fault=FAULTS[1])]
+    grid = [CarryCase("g1", "shake", "trunk", "real", 0), CarryCase("g1", "shake", "hand", "real", 0)]
     found = summary([*grid, CarryCase("g1", "squat", "hand", "real", 0)], runs)
     values = {(*record.case.values(), record.metric): record.value for record in found.records}
     assert values["trunk", "real", "payload's mass, median"] == pytest.approx(0.1)
-    assert values["trunk", "real, with a fault", "silent beyond 5 σ"] == 1.0
+    assert values["hand", "real", "payload's mass, median"] == pytest.approx(1.0)
     assert found.facts["Robots that fell"] == "1"
 
 

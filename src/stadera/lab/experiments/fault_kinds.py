@@ -11,8 +11,11 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from stadera.constants import GRAVITY
+from stadera.inertia import InertialParameters
 from stadera.lab.plant.payload import OutsideForce, Tray
+from stadera.lab.plant.whole import whole_robot
 from stadera.logs import Imu, Recording, take
+from stadera.robot.limbs import Limbs, inwards
 from stadera.robot.model import Leg, Robot
 from stadera.types import Array
 
@@ -29,10 +32,11 @@ ImuChange = Callable[[Array], Array]
 class Fault:
     """A fault."""
 
-    group: str  # effort, encoder, velocity, imu or time
-    spoil: Callable[[Recording, Robot, Rng], Recording]  # applies the fault to a log
+    group: str  # effort, encoder, velocity, imu, time, arms or model
+    spoil: Callable[[Recording, Robot, Rng], Recording]  # applies the fault to a log, or leaves one that cannot have it
     hidden: str = ""  # why it cannot show in a log, if so; empty otherwise
     motions: tuple[str, ...] = ()  # in which it cannot show; empty for all
+    model: Callable[[Robot], Robot] = lambda robot: robot  # the robot of the model file, from the right one
 
 
 # -- which joints -----------------------------------------------------------------------------------------------------
@@ -57,20 +61,39 @@ def _every(log: Recording, _: Robot, __: Rng) -> Sequence[int]:
     return range(len(log.joints))
 
 
+def _arms(robot: Robot) -> list[tuple[str, ...]]:
+    """Joints of two alike limbs besides the legs, or of the only one, from the trunk outwards."""
+    extra, limbs = robot.extra, Limbs.of(robot)
+    if extra is None:
+        return []
+    tips = limbs.hands[0] if limbs.hands else limbs.ends
+    return [tuple(extra.joints[k] for k in reversed(list(inwards(extra, tip)))) for tip in tips]
+
+
+def _of_arms(log: Recording, robot: Robot, _: Rng) -> Sequence[int]:
+    return [log.index(joint) for arm in _arms(robot) for joint in arm]
+
+
+def _one_of_arms(log: Recording, robot: Robot, rng: Rng) -> Sequence[int]:
+    joints = _of_arms(log, robot, rng)
+    return joints and (joints[int(rng.integers(len(joints)))],)
+
+
 # -- what is wrong with them ------------------------------------------------------------------------------------------
 _GROUPS = {"effort": "effort", "position": "encoder", "velocity": "velocity"}
 
 
-def _joint(channel: str, change: Change, pick: Pick = _one, hidden: str = "") -> Fault:
+def _joint(channel: str, change: Change, pick: Pick = _one, hidden: str = "", group: str = "") -> Fault:
     """A fault of the joints drawn by `pick`, each by itself."""
 
     def spoil(log: Recording, robot: Robot, rng: Rng) -> Recording:
-        values = log.channel(channel, log.joints).copy()
-        for column in pick(log, robot, rng):
-            values[:, column] = change(values[:, column], robot.limits[log.joints[column]].effort, rng)
-        return _with(log, channel, values)
+        values, limits = log.channel(channel, log.joints).copy(), whole_robot(robot).limits
+        columns = pick(log, robot, rng)
+        for column in columns:
+            values[:, column] = change(values[:, column], limits[log.joints[column]].effort, rng)
+        return _with(log, channel, values) if columns else log
 
-    return Fault(_GROUPS[channel], spoil, hidden)
+    return Fault(group or _GROUPS[channel], spoil, hidden)
 
 
 def _with(log: Recording, channel: str, values: Array) -> Recording:
@@ -136,19 +159,39 @@ def _since(seconds: float, log: Recording) -> Recording:
     return take(log, log.time > log.time[0] + seconds)
 
 
-def _swapped(group: str, channels: Sequence[str], pairs: Sequence[tuple[str, str]], mirror: bool = False) -> Fault:
-    """Legs swapped; `mirror`: left with right."""
+Pairs = Callable[[Robot], Sequence[tuple[Sequence[str], Sequence[str]]]]
+"""Joints of limbs that are swapped, the first of one with the first of the other and so on; none on some robots."""
+
+
+def _legs(*pairs: tuple[int, int]) -> Pairs:
+    """Pairs of legs, by their places; of a robot with two legs the first pair only, if it is of these."""
+    return lambda robot: [(robot.legs[a].joints, robot.legs[b].joints) for a, b in pairs if max(a, b) < len(robot.legs)]
+
+
+def _legs_with_arms(robot: Robot) -> Sequence[tuple[Sequence[str], Sequence[str]]]:
+    return [(leg.joints, arm) for leg, arm in zip(robot.legs, _arms(robot), strict=False)]
+
+
+def _two_arms(robot: Robot) -> Sequence[tuple[Sequence[str], Sequence[str]]]:
+    arms = _arms(robot)
+    return [(arms[0], arms[1])] if len(arms) == 2 else []
+
+
+def _swapped(group: str, channels: Sequence[str], pairs: Pairs, mirror: bool = False) -> Fault:
+    """Limbs swapped; `mirror`: left with right legs."""
 
     def spoil(log: Recording, robot: Robot, _: Rng) -> Recording:
         order = np.arange(len(log.joints))
-        for one, other in pairs:
-            for a, b in zip(robot.leg(one).joints, robot.leg(other).joints, strict=True):
+        if not (limbs := pairs(robot)):
+            return log
+        for one, other in limbs:
+            for a, b in zip(one, other, strict=False):
                 order[[log.index(a), log.index(b)]] = log.index(b), log.index(a)
         for channel in channels:
             log = _with(log, channel, log.channel(channel, log.joints)[:, order])
         return log
 
-    return Fault(group, spoil, _MIRROR, ("stand",)) if mirror else Fault(group, spoil)
+    return Fault(group, spoil, _MIRROR, ("stand", "squat")) if mirror else Fault(group, spoil)
 
 
 def _hip_and_knee_swapped(log: Recording, robot: Robot, rng: Rng) -> Recording:
@@ -183,7 +226,30 @@ def _imu_late(log: Recording, robot: Robot, rng: Rng, seconds: float = 0.08) -> 
     return _since(seconds, _imu("both", late).spoil(log, robot, rng))
 
 
-_SIDES, _ENDS = (("LF", "RF"), ("LH", "RH")), (("LF", "LH"), ("RF", "RH"))
+# -- arms and model ---------------------------------------------------------------------------------------------------
+def _without_arms(log: Recording, robot: Robot, _: Rng) -> Recording:
+    gone = [joint for arm in _arms(robot) for joint in arm]
+    return log.of_joints(tuple(joint for joint in log.joints if joint not in gone))
+
+
+def _armless(robot: Robot) -> Robot:
+    """The model whose joints outside the legs were cut off, with all that is beyond them."""
+    if (extra := robot.extra) is None:
+        return robot
+    trunk = robot.inertias[robot.trunk] - extra.lumped
+    return replace(robot, inertias={**robot.inertias, robot.trunk: trunk}, extra=None)
+
+
+def _larger(robot: Robot, by: float = 1.15) -> Robot:
+    """The model of a robot of another size whose joints have the same names; outside its legs as it is."""
+    powers = by ** np.array([3.0, *[4.0] * 3, *[5.0] * 6])
+    scaled = {link: InertialParameters(powers * robot.inertias[link].vector) for link in robot.tree.links[1:]}
+    legs = tuple(replace(leg, foot_position=tuple(by * np.array(leg.foot_position))) for leg in robot.legs)
+    tree = replace(robot.tree, translations=by * robot.tree.translations)
+    return replace(robot, tree=tree, legs=legs, inertias={**robot.inertias, **scaled})
+
+
+_SIDES, _ENDS, _DIAGONAL = _legs((0, 1), (2, 3)), _legs((0, 2), (1, 3)), _legs((0, 3))
 _MIRROR = "sides swapped on a robot that stands symmetrically are the mirror image of its load, and nothing moves"
 _COMMON = "a common factor of all torques, or of the accelerometer, is the same as another weight"
 
@@ -191,7 +257,7 @@ SIGNAL_FAULTS: Mapping[str, Fault] = MappingProxyType(
     {
         "efforts of left and right legs swapped": _swapped("effort", ("effort",), _SIDES, mirror=True),
         "efforts of front and hind legs swapped": _swapped("effort", ("effort",), _ENDS),
-        "efforts of two legs swapped": _swapped("effort", ("effort",), (("LF", "RH"),)),
+        "efforts of two legs swapped": _swapped("effort", ("effort",), _DIAGONAL),
         "efforts of a leg's hip and knee swapped": Fault("effort", _hip_and_knee_swapped),
         "one torque x2": _joint("effort", _scaled(2.0)),
         "one torque x0.5": _joint("effort", _scaled(0.5)),
@@ -245,6 +311,20 @@ SIGNAL_FAULTS: Mapping[str, Fault] = MappingProxyType(
             "time", lambda log, *_: replace(log, time=log.time[0] + 1.1 * (log.time - log.time[0]))
         ),
         "a fifth of the samples lost": Fault("time", lambda log, _, rng: take(log, rng.random(len(log)) > 0.2)),
+        "stamps jump by 0.5 s": Fault(
+            "time", lambda log, *_: replace(log, time=log.time + 0.5 * (np.arange(len(log)) > 0.6 * len(log)))
+        ),
+        "efforts of legs and arms swapped": _swapped("arms", ("effort",), _legs_with_arms),
+        "whole legs and arms swapped": _swapped("arms", ("position", "velocity", "effort"), _legs_with_arms),
+        "efforts of two arms swapped": _swapped("arms", ("effort",), _two_arms),
+        "whole left and right arms swapped": _swapped("arms", ("position", "velocity", "effort"), _two_arms),
+        "one torque's sign in an arm": _joint("effort", _scaled(-1.0), _one_of_arms, group="arms"),
+        "arms' torques zero": _joint("effort", _scaled(0.0), _of_arms, group="arms"),
+        "one torque stuck in an arm": _joint("effort", _stuck, _one_of_arms, group="arms"),
+        "one encoder 10° off in an arm": _joint("position", _offset(np.radians(10.0)), _one_of_arms, group="arms"),
+        "arms not in the log": Fault("arms", _without_arms),
+        "model without arms": Fault("model", lambda log, *_: log, model=_armless),
+        "model of legs 15 % larger": Fault("model", lambda log, *_: log, model=_larger),
     }
 )
 """By name."""

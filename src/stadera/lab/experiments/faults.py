@@ -40,8 +40,10 @@ from stadera.weigh.weigh import weigh
 
 PAPER = Paper.of("faults")
 
-ROBOTS = ("hyq", "go2", "anymal_b", "anymal_c", "b1", "a1")
+ROBOTS = ("hyq", "go2", "anymal_b", "anymal_c", "b1", "a1", "b1_z1", "g1", "talos")
 SCENARIOS = ("trot", "crawl", "shake", "stand")
+ON_TWO_FEET = {"g1": ("squat", "shake", "stand"), "talos": ("squat", "shake", "stand")}
+"""Robots that have other motions than `SCENARIOS`, and these."""
 CLEAN = "none"
 """The unmodified log."""
 
@@ -52,6 +54,7 @@ class FaultSettings:
 
     seeds: int = 8  # by default
     load: float = 0.10  # added in every other log, as a share of the robot's mass
+    arms: float = 0.3  # amplitude with which joints outside the legs swing [rad]
 
 
 HOW = FaultSettings()
@@ -62,7 +65,7 @@ class LogCase:
     """A log."""
 
     robot: str
-    scenario: str  # trot, crawl, shake or stand
+    scenario: str  # trot, crawl, shake, squat or stand
     seed: int  # of everything that is drawn
     share: float = 0.0  # of a load in the robot's mass, added in the middle; 0 for none
     force: str = ""  # external force from the middle on, a name of `FORCES`; empty for none
@@ -85,6 +88,7 @@ class LogCase:
             load_time=self.middle,
             hold=2,  # periods of the test-bed between two torques of the controller
             outside=FORCES[self.force].make(robot, self.middle) if self.force else None,
+            arms=HOW.arms,
         )
         return stored(logs, name, lambda: simulate(robot, self.scenario, settings))
 
@@ -102,7 +106,8 @@ class FaultCase:
         if self.fault in FORCES:
             return FORCES[self.fault].hidden
         fault = SIGNAL_FAULTS.get(self.fault)
-        return "" if fault is None or self.log.scenario not in (fault.motions or SCENARIOS) else fault.hidden
+        shown = fault is None or (fault.motions and self.log.scenario not in fault.motions)
+        return "" if fault is None or shown else fault.hidden
 
 
 @dataclass(frozen=True)
@@ -112,15 +117,25 @@ class FaultyLog:
     log: LogCase
     faults: tuple[str, ...]
 
+    @property
+    def robot(self) -> str:
+        """Name of the log's robot."""
+        return self.log.robot
+
 
 def cases(settings: ReproduceSettings) -> list[FaultyLog]:
     """All combinations of faults, robots, motions and seeds, and logs without a fault; few in a quick study."""
     signals = (CLEAN, *tuple(SIGNAL_FAULTS)[:: 2 if settings.quick else 1])
     seeds = settings.seeds or (1 if settings.quick else HOW.seeds)
+    motions = [
+        (i + j, robot, scenario)
+        for i, robot in enumerate(ROBOTS[: 2 if settings.quick else None])
+        for j, scenario in enumerate(ON_TWO_FEET.get(robot, SCENARIOS))
+    ]
     found = []
-    for robot, scenario, k in product(ROBOTS[: 2 if settings.quick else None], SCENARIOS, range(seeds)):
+    for k, (n, robot, scenario) in product(range(seeds), motions):
         seed = settings.seed + k
-        found.append(FaultyLog(LogCase(robot, scenario, seed, HOW.load if seed % 2 else 0.0), signals))
+        found.append(FaultyLog(LogCase(robot, scenario, seed, HOW.load if (seed + n) % 2 else 0.0), signals))
         found += [FaultyLog(LogCase(robot, scenario, seed, force=force), (force,)) for force in FORCES]
     return found
 
@@ -134,23 +149,28 @@ def weigh_faulty(case: FaultyLog, logs: Path | None = None) -> dict[str, Any]:
       verdict doubtful; "refused", no values; "crashed", an exception other than a StaderaError. `said`: the reason;
     - `mass`: of the robot [kg]. `errors`: [error, standard deviation] by quantity, in kg and m, for observed ones;
     - `left_out`: whether parts of the log were excluded because of a fault.
+
+    A fault that the robot cannot have, such as of arms, is not among them.
     """
     robot = load_robot(case.log.robot)
     try:
         log, truth = case.log.made(robot, logs)
     except (ControlError, PlanError, SimulationError) as error:
         return {"fell": str(error), "faults": {}}
-    return {
-        "fell": None,
-        "faults": {name: _weighed(FaultCase(case.log, name), robot, log, truth) for name in case.faults},
-    }
+    weighed = {name: _weighed(FaultCase(case.log, name), robot, log, truth) for name in case.faults}
+    return {"fell": None, "faults": {name: outcome for name, outcome in weighed.items() if outcome is not None}}
 
 
-def _weighed(case: FaultCase, robot: Robot, log: Recording, truth: Truth, kept: int = 200) -> dict[str, Any]:
-    """Outcome of one weighing; `kept` characters of a message are kept."""
-    faulty = log
+def _weighed(case: FaultCase, robot: Robot, log: Recording, truth: Truth, kept: int = 200) -> dict[str, Any] | None:
+    """Outcome of one weighing, None if the robot cannot have the fault; `kept` characters of a message are kept."""
+    faulty, mass = log, robot.mass
     if case.fault in SIGNAL_FAULTS:
-        faulty = SIGNAL_FAULTS[case.fault].spoil(log, robot, np.random.default_rng(zlib.crc32(repr(case).encode())))
+        fault = SIGNAL_FAULTS[case.fault]
+        faulty = fault.spoil(log, robot, np.random.default_rng(zlib.crc32(repr(case).encode())))
+        model = fault.model(robot)
+        if faulty is log and model is robot:
+            return None
+        robot = model
     begin = float(faulty.time[0])
     stretched = (float(faulty.time[-1]) - begin) / (float(log.time[-1]) - float(log.time[0]))
     tare = (begin, begin + stretched * case.log.middle)
@@ -158,13 +178,13 @@ def _weighed(case: FaultCase, robot: Robot, log: Recording, truth: Truth, kept: 
         result = weigh(robot, replace(faulty, source=f"{case.log.robot}, {case.log.scenario}"), tare)
     except Exception as error:  # crashes are part of the study
         status, said = ("refused", str(error)) if isinstance(error, StaderaError) else ("crashed", repr(error))
-        return {"status": status, "said": said[:kept], "mass": robot.mass, "errors": {}, "left_out": False}
+        return {"status": status, "said": said[:kept], "mass": mass, "errors": {}, "left_out": False}
     errors = _errors(result, truth)
     good = result.trust.verdict == "good"
     return {
         "status": ("right" if worst(errors) <= 3.0 else "silent") if good else "named",
         "said": "; ".join(result.trust.reasons)[:kept],
-        "mass": robot.mass,
+        "mass": mass,
         "errors": errors,
         "left_out": any(note.startswith("left out") for note in result.notes),
     }

@@ -1,20 +1,15 @@
 """Humanoids and a quadruped with an arm that carry a load on the back or in a hand, weighed as a user would."""
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from stadera.errors import StaderaError
-from stadera.lab.experiments.fault_kinds import SIGNAL_FAULTS
 from stadera.lab.experiments.runner import ExperimentResult, Outcome, Paper, Record, ReproduceSettings, grouped, spread
-from stadera.lab.plant.whole import whole_robot
 from stadera.lab.scenarios.catalog import Load, SimulateSettings
 from stadera.lab.scenarios.run import simulate, stored
-from stadera.logs import Recording
 from stadera.report.table import Row, TableData
 from stadera.robot import load_robot
 from stadera.robot.limbs import Limbs
@@ -23,9 +18,6 @@ from stadera.weigh.weigh import weigh
 
 PAPER = Paper.of("humanoids")
 MOTIONS = (("g1", "shake"), ("g1", "squat"), ("talos", "shake"), ("talos", "squat"), ("b1_z1", "trot"))
-SWAPPED = "efforts of the first two legs swapped"
-FAULTS = (SWAPPED, "one torque's sign", "all torques x2", "torques 60 ms late", "one encoder 10° off")
-"""Of logs with sound errors `real`, on the trunk."""
 
 
 @dataclass(frozen=True)
@@ -37,7 +29,6 @@ class CarryCase:
     place: str  # of the load: trunk or hand
     errors: str  # ideal or real
     seed: int
-    fault: str = ""
     share: float = 0.08  # of the load in the robot's mass; half of it in the gripper of a quadruped
     duration: float = 8.0  # [s]; the load comes after a half of it
     arms: float = 0.3  # amplitude of the arms' swinging [rad]
@@ -48,10 +39,9 @@ def cases(settings: ReproduceSettings) -> list[CarryCase]:
     motions = MOTIONS[::2] if settings.quick else MOTIONS
     found = []
     for (robot, scenario), k in product(motions, range(settings.seeds or 1)):
-        sound = [
+        found += [
             CarryCase(robot, scenario, p, e, settings.seed + k) for p in ("trunk", "hand") for e in ("ideal", "real")
         ]
-        found += [*sound, *(replace(sound[1], fault=fault) for fault in FAULTS)]
     return found
 
 
@@ -84,7 +74,7 @@ def weighed(case: CarryCase, logs: Path | None = None) -> dict[str, Any]:
         "at": hand or robot.trunk,
     }
     try:
-        found = weigh(robot, _spoilt(log, robot, case), (0.0, 0.48 * case.duration))
+        found = weigh(robot, log, (0.0, 0.48 * case.duration))
     except StaderaError as error:
         return known | {"fell": None, "verdict": "refused", "said": str(error)[:200]}
     payload = found.payload
@@ -108,28 +98,14 @@ def hand_of(robot: Robot) -> str:
     return robot.extra.links[tips[0]]
 
 
-def _spoilt(log: Recording, robot: Robot, case: CarryCase) -> Recording:
-    if case.fault == SWAPPED:
-        order, (one, other) = list(range(len(log.joints))), robot.legs[:2]
-        for a, b in zip(map(log.index, one.joints), map(log.index, other.joints), strict=True):
-            order[a], order[b] = b, a
-        return replace(log, effort=log.channel("effort", log.joints)[:, order])
-    rng = np.random.default_rng(case.seed)
-    return SIGNAL_FAULTS[case.fault].spoil(log, whole_robot(robot), rng) if case.fault else log
-
-
 _Pairs = Sequence[tuple[CarryCase, Outcome]]
 
 
 def summary(grid: Sequence[CarryCase], runs: Sequence[Outcome]) -> ExperimentResult:
-    """Tables by robot and place, and by fault."""
+    """A table by robot and place."""
     pairs = [(case, run) for case, run in zip(grid, runs, strict=True) if run["fell"] is None]
-    sound, faulty = ([p for p in pairs if bool(p[0].fault) == bad] for bad in (False, True))
-    tables = (
-        _table("Payloads", sound, lambda case: f"{case.robot}, {case.place}, {case.errors}"),
-        _table("Logs with a fault", faulty, lambda case: case.fault),
-    )
-    return PAPER.result(_records(sound, faulty), tables, facts={"Robots that fell": str(len(runs) - len(pairs))})
+    table = _table("Payloads", pairs, lambda case: f"{case.robot}, {case.place}, {case.errors}")
+    return PAPER.result(_records(pairs), (table,), facts={"Robots that fell": str(len(runs) - len(pairs))})
 
 
 def _given(pairs: _Pairs) -> list[Outcome]:
@@ -157,19 +133,11 @@ def _table(title: str, pairs: _Pairs, key: Callable[[CarryCase], str]) -> TableD
     return TableData.of(title, head, rows, "Median; 95th percentile of the logs with a figure.")
 
 
-def _records(sound: _Pairs, faulty: _Pairs) -> Iterator[Record]:
-    for (place, errors), own in grouped(sound, lambda case: (case.place, case.errors)).items():
+def _records(pairs: _Pairs) -> Iterator[Record]:
+    for (place, errors), own in grouped(pairs, lambda case: (case.place, case.errors)).items():
         given, case = _given(own), {"load": place, "errors": errors}
         yield from PAPER.spread(case, "payload's mass", "%", [_error(run) for run in given], (None, None))
         yield PAPER.record(case, "share with a figure", "1", len(given) / len(own))
-    silent = [_sigmas(run) for _, run in faulty if run["verdict"] == "good"]
-    yield PAPER.record(
-        {"load": "trunk", "errors": "real, with a fault"},
-        "silent beyond 5 σ",
-        "1",
-        float(sum(s > 5.0 for s in silent)),
-        bound=0.0,
-    )
 
 
 EXPERIMENT = PAPER.experiment(cases, weighed, summary, keeps=True, keeps_logs=True)

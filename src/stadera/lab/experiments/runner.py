@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 import numpy as np
 
-from stadera.errors import StaderaError
+from stadera.errors import StaderaError, require_known
 from stadera.fleet.pool import Failure, Pool, journal, read_journal, run_tasks
 from stadera.report.figures import Figure
 from stadera.report.numbers import short
@@ -49,6 +49,7 @@ class ReproduceSettings:
     data: Path | None = None  # folder of real logs; None to search for it (see `experiments.legs.real_log`)
     keep: Path | None = None  # folder in which studies store their runs, to resume from; None for none
     seeds: int | None = None  # number of seeds for a study that repeats its whole grid for each; None for its default
+    robots: tuple[str, ...] = ()  # of which the cases are run; none for all
     pool: Pool = field(default_factory=Pool)  # where cases are run
 
     def __post_init__(self) -> None:
@@ -110,7 +111,7 @@ class Paper:
         """
 
         def whole(settings: ReproduceSettings, progress: Progress) -> ExperimentResult:
-            grid, keep = cases(settings), settings.keep if keeps else None
+            grid, keep = chosen(cases(settings), self.name, settings.robots), settings.keep if keeps else None
             logs = None if keep is None else keep.absolute() / f"{self.name}-logs"
             one = partial(run, logs=logs) if keeps_logs else run
             return summary(grid, run_grid(self.name, one, grid, progress, keep, Pool(0) if alone else settings.pool))
@@ -155,6 +156,20 @@ class Paper:
         """A result with the text of this entry; `notes` follow its own."""
         made, notes = (tuple(records), tuple(tables), tuple(figures)), (*self.notes, *notes)
         return ExperimentResult(self.name, self.title, self.lead, *made, notes, facts or {}, self.differs)
+
+
+def chosen(grid: Sequence[Case], study: str, robots: Sequence[str]) -> Sequence[Case]:
+    """The cases of these robots, all for none.
+
+    Raises StaderaError: cases have no robot. UnknownNameError: none has this one.
+    """
+    if not robots:
+        return grid
+    known = [getattr(case, "robot", "") for case in grid]
+    if not all(known):
+        raise StaderaError(f"{study} does not run robot by robot: --robots does not apply")
+    require_known("robot", robots, dict.fromkeys(known), study)
+    return [case for case, robot in zip(grid, known, strict=True) if robot in robots]
 
 
 def run_grid(
