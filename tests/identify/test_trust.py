@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -171,10 +173,11 @@ def test_pages_models_and_plots(result: Identification, tmp_path) -> None:
 
 def test_a_difference_from_cad_within_chance_is_no_verdict() -> None:
     rng, n = np.random.default_rng(0), 2000
+    task: Any = SimpleNamespace(leg=SimpleNamespace(joints=("knee",)))
     truth, time = np.zeros((n, 1)), np.arange(n) / 100.0
 
     def excess(off: float) -> float:  # in standard deviations
-        score = LegScore(("knee",), n)
+        score = LegScore(task, {}, {}, n)
         noise = rng.normal(size=(n, 2))
         guesses = {"identified": noise[:, :1] + off, "prior_friction": noise[:, 1:]}
         score.kept = [(time, truth, guesses)]

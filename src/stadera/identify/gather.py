@@ -134,25 +134,23 @@ def correlation_length(values: Array) -> float:
     return max(1.0, float(2.0 * pairs[:stop].sum() - 1.0))
 
 
-@dataclass(frozen=True, eq=False)
-class LegModels:
-    """Models of one leg to compare with data: parameters by model, and the torque limit by joint [N·m]."""
-
-    task: LegTask
-    parameters: Mapping[str, Mapping[str, float]]
-    limits: Mapping[str, float]
-
-
 @dataclass
 class LegScore:
     """Residuals of one leg's models on one part."""
 
-    joints: tuple[str, ...]  # names
+    task: LegTask
+    parameters: Mapping[str, Mapping[str, float]]  # by model
+    limits: Mapping[str, float]  # of the torque, by joint [N·m]
     samples: int = 0  # number of moving samples
     squares: dict[str, Array] = field(default_factory=dict)  # by model, sums of squared errors of each joint [N²·m²]
     saturated: dict[str, int] = field(default_factory=dict)  # by joint, samples at the torque limit
     # time, measured and predicted torques of the first minute, chunk by chunk, samples at rest included
     kept: list[tuple[Array, Array, dict[str, Array]]] = field(default_factory=list)
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Names of the leg's joints."""
+        return self.task.leg.joints
 
     @property
     def rmse(self) -> dict[str, dict[str, float]]:
@@ -189,44 +187,28 @@ class LegScore:
         every = max(1, -(-len(time) // TRACE_SAMPLES))
         return TorqueTrace(part, time[::every], measured[::every], {k: v[::every] for k, v in models.items()})
 
-    def add(self, chunk: Processed, models: LegModels, trunk: TrunkMotion, drop_below: float) -> None:
+    def add(self, chunk: Processed, trunk: TrunkMotion, drop_below: float) -> None:
         """Evaluates the models on one more chunk."""
         if not len(chunk):
             return
-        rows = list(rows_of(models.task, chunk, trunk))
-        constant = list(rows_of(models.task.constant, chunk, trunk)) if models.task.varying else rows
+        rows = list(rows_of(self.task, chunk, trunk))
+        constant = list(rows_of(self.task.constant, chunk, trunk)) if self.task.varying else rows
         measured = np.column_stack([r.target for r in rows])
         guesses = {
             name: np.column_stack([predicted(r, parameters) for r in (rows if name == "identified" else constant)])
-            for name, parameters in models.parameters.items()
+            for name, parameters in self.parameters.items()
         }
-        moving = speed(models.task, chunk) >= drop_below
+        moving = speed(self.task, chunk) >= drop_below
         self.samples += int(np.count_nonzero(moving))
         for name, guess in guesses.items():
             self.squares[name] = self.squares.get(name, 0.0) + np.sum((measured - guess)[moving] ** 2, axis=0)
         for k, joint in enumerate(self.joints):
-            at_limit = int(np.sum(np.abs(measured[:, k]) >= SATURATED * models.limits[joint]))
+            at_limit = int(np.sum(np.abs(measured[:, k]) >= SATURATED * self.limits[joint]))
             self.saturated[joint] = self.saturated.get(joint, 0) + at_limit
         begun = self.kept[0][0][0] if self.kept else chunk.time[0]
         early = chunk.time < begun + TRACE_S
         if early.any():
             self.kept.append((chunk.time[early], measured[early], {k: v[early] for k, v in guesses.items()}))
-
-
-def scored(
-    step: Callable[[int, int], None],
-    part: Iterable[Processed],
-    models: Sequence[LegModels],
-    trunk: TrunkMotion,
-    drop_below: float,
-) -> list[LegScore]:
-    """Evaluates each leg's models on a part. Samples with all joints slower than `drop_below` are skipped."""
-    scores = [LegScore(m.task.leg.joints) for m in models]
-    for done, chunk in enumerate(part):
-        for score, leg_models in zip(scores, models, strict=True):
-            score.add(chunk, leg_models, trunk, drop_below)
-        step(done + 1, 0)
-    return scores
 
 
 def smoothed_rows(
@@ -329,8 +311,22 @@ def with_varying_friction(job: Job, training: Part) -> Job:
     return replace(job, tasks=tuple(tasks), notes=(*job.notes, *notes))
 
 
-def gather(job: Job, training: Part) -> tuple[Gathered, ...]:
-    """Sums up the training part for each of the job's legs. The noise is the residual of each joint's own best fit."""
+def gather(job: Job, training: Part, solve: Callable[[Sequence[Gathered]], Sequence[Estimate]]) -> tuple[Gathered, ...]:
+    """Sums up the training part for each of the job's legs. The noise is the residual of what `solve` estimates with
+    each joint's own best fit's: with all that no model explains.
+    """
+    gathered, out = _summed(job, training), []
+    for done, (task, data, estimate) in enumerate(zip(job.tasks, gathered, solve(gathered), strict=True)):
+        parameters = dict(task.fixed) | estimate.by_name() | {LAG: 0.0}
+        joints = task.leg.joints
+        noise = residual_noise(_rows(job, task, training), joints, [parameters] * len(joints), [0] * len(joints))
+        out.append(replace(data, noise=noise[0], correlation=noise[1]))
+        job.progress("measuring the noise", done + 1, len(job.tasks))
+    return tuple(out)
+
+
+def _summed(job: Job, training: Part) -> tuple[Gathered, ...]:
+    """The sums, with the noise that each joint's own best fit leaves."""
     out = []
     for done, task in enumerate(job.tasks):
         by_joint = _summed_up(_rows(job, task, training), task)
@@ -342,20 +338,6 @@ def gather(job: Job, training: Part) -> tuple[Gathered, ...]:
         constant = _summed_up(_rows(job, task.constant, training), task.constant) if task.varying else by_joint
         out.append(Gathered(by_joint, *noise, _joint_terms(task, constant), job.lag_std))
         job.progress("summing up the torques", done + 1, len(job.tasks))
-    return tuple(out)
-
-
-def with_noise_of(
-    job: Job, training: Part, gathered: Sequence[Gathered], estimates: Sequence[Estimate]
-) -> tuple[Gathered, ...]:
-    """The same sums, with the noise given by these estimates' residuals, with all that no model explains."""
-    out = []
-    for done, (task, data, estimate) in enumerate(zip(job.tasks, gathered, estimates, strict=True)):
-        parameters = dict(task.fixed) | estimate.by_name() | {LAG: 0.0}
-        joints = task.leg.joints
-        noise = residual_noise(_rows(job, task, training), joints, [parameters] * len(joints), [0] * len(joints))
-        out.append(replace(data, noise=noise[0], correlation=noise[1]))
-        job.progress("measuring the noise", done + 1, len(job.tasks))
     return tuple(out)
 
 

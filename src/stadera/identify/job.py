@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 
@@ -165,10 +165,6 @@ class Job:
     def trunk(self) -> TrunkMotion:
         """The held trunk."""
         return TrunkMotion.held(self.vertical.up)
-
-    def step(self, name: str) -> Callable[[int, int], None]:
-        """Progress callback of one step."""
-        return partial(self.progress, name)
 
 
 def prepare(robot: Robot, logs: Sequence[Log], settings: IdentifySettings, progress: Progress) -> Job:

@@ -19,18 +19,15 @@ from stadera.identify.agreement import Agreement
 from stadera.identify.floating import FloatingLog, KnownLegs, floating_log, remembered
 from stadera.identify.gather import (
     Gathered,
-    LegModels,
     LegScore,
     gather,
     information_of,
-    scored,
-    with_noise_of,
     with_varying_friction,
 )
 from stadera.identify.job import Job, LegTask, joints_of, parts_of, prepare, stands, wanted_legs
 from stadera.identify.log import Part, Section, time_span
-from stadera.identify.observability import Combination, Observability, gradients_of, observability
-from stadera.identify.result import Identification, KnownCombination, LegIdentification, unit_of
+from stadera.identify.observability import Observability, observability
+from stadera.identify.result import Identification, LegIdentification
 from stadera.identify.settings import IdentifySettings
 from stadera.identify.solutions import Estimate, solve_legs, with_scale
 from stadera.identify.trust import leg_warnings, log_warnings, trust_in
@@ -42,7 +39,6 @@ from stadera.process import one_thread
 from stadera.robot.load import load_robot
 from stadera.robot.model import Robot
 from stadera.trunk.memory import Memory, days_of
-from stadera.trunk.result import TrunkParameters
 from stadera.trust import Trust
 from stadera.types import Progress
 
@@ -114,34 +110,45 @@ def _from_feet(
     for log in logs:
         floats.append(floating_log(robot, log, progress, asked.width.mass, kept))
         kept = floats[-1].memory or kept
-    agree = memory is not None and memory.logs and all(log.memory for log in floats)
-    known = KnownLegs.by(memory, robot) if memory is not None and agree else None
+    known = _recalled(robot, memory) if all(log.memory for log in floats) else None
     told = [_floating_information(task, floats, Information.empty(task.prior.columns), known) for task in tasks]
     posed = [(task.leg, found, task.prior) for task, found in zip(tasks, told, strict=True)]
     agreement = _agreement(tasks, [log.source for log in floats], [], floats)
-    estimates = solve_legs(posed, asked.method, asked.spread, asked.solver, progress)
-    estimates = [_widened(found, agreement) for found in estimates]
-    ranks = [found.observability.rank for found, _ in estimates]
+    solved = solve_legs(posed, asked.method, asked.spread, asked.solver, progress)
+    estimates = [_widened(found, agreement) for found in solved]
     legs = tuple(
-        LegIdentification(task.leg, task.nominal, *found, structural_rank=rank, information=information)
-        for task, found, rank, information in zip(tasks, estimates, ranks, told, strict=True)
+        LegIdentification(
+            task.leg, task.nominal, *found, structural_rank=found[0].observability.rank, information=information
+        )
+        for task, found, information in zip(tasks, estimates, told, strict=True)
     )
     trust = reduce(_with_trust_of, floats[1:], floats[0].trust)
     for doubt in doubts:
         trust = trust.at_most("doubtful", doubt)
-    return Identification(
-        robot=robot,
-        source=", ".join(dict.fromkeys(log.source for log in floats)),
-        method=asked.method,
-        legs=legs[: len(wanted)],
-        torque_lag=floats[0].torque_lag,
-        validated_on=None,
-        trust=trust,
-        notes=(*_feet_notes(floats), *(log.said for log in floats if log.said)),
-        warnings=agreement.differs if agreement else (),
-        trunk=_best_trunk(floats),
+    of_memory = tuple(log.said for log in floats if log.said)
+    whole = Identification(robot, "", asked.method, legs[: len(wanted)], floats[0].torque_lag, None, trust)
+    return _completed(whole, logs, floats, agreement, None if kept is memory else kept, of_memory)
+
+
+def _completed(
+    result: Identification,
+    logs: Sequence[LogFile | Recording],
+    floats: Sequence[FloatingLog],
+    agreement: Agreement | None,
+    memory: Memory | None,
+    of_memory: tuple[str, ...],
+) -> Identification:
+    """The result with its logs' names, and with what all logs together and those on its feet say."""
+    how = "a robot on its feet: equations of its base, contact forces eliminated"
+    return replace(
+        result,
+        source=", ".join(dict.fromkeys(log.source for log in logs)),
+        notes=(*result.notes, *(f"{log.source}: {how}" for log in floats), *of_memory),
+        warnings=(*result.warnings, *(agreement.differs if agreement else ())),
+        # the trunk of the log that tells most of its mass
+        trunk=min((log.trunk for log in floats), key=lambda t: np.nan_to_num(t.mass_std, nan=np.inf), default=None),
         agreement=agreement,
-        memory=None if kept is memory else kept,
+        memory=memory,
     )
 
 
@@ -157,20 +164,15 @@ def _floating_information(
     return reduce(Information.merge, logs, own)
 
 
+def _recalled(robot: Robot, memory: Memory | None) -> KnownLegs | None:
+    """What a memory with logs tells of the legs."""
+    return None if memory is None or not memory.logs else KnownLegs.by(memory, robot)
+
+
 def _with_trust_of(trust: Trust, log: FloatingLog) -> Trust:
     if log.trust.verdict == "good":
         return trust
     return trust.at_most(log.trust.verdict, f"{log.source}: {next(iter(log.trust.reasons), 'its fit is poor')}")
-
-
-def _best_trunk(floats: Sequence[FloatingLog]) -> TrunkParameters | None:
-    """The trunk of the log that tells most of its mass."""
-    return min((log.trunk for log in floats), key=lambda t: np.nan_to_num(t.mass_std, nan=np.inf), default=None)
-
-
-def _feet_notes(floats: Sequence[FloatingLog]) -> tuple[str, ...]:
-    how = "a robot on its feet: equations of its base, contact forces eliminated"
-    return tuple(f"{log.source}: {how}" for log in floats)
 
 
 def _identified(
@@ -182,62 +184,62 @@ def _identified(
 ) -> Identification:
     """The passes over admitted logs of legs in the air, and of the robot on its feet."""
     training, held_back, validated_on = parts_of(job, fitted, evaluated)
-    at_rest = not training.moves(job.drop_below)
-    slowest = f"{job.settings.signals.drop_below:g} rad/s"
-    still = [f"no sample moves (all joint velocities stay below {slowest}): samples at rest are used"] * at_rest
-    if at_rest:
-        job = replace(job, drop_below=0.0)
-    job = with_varying_friction(job, training)
-    gathered = gather(job, training)
-    gathered = with_noise_of(job, training, gathered, [asked for asked, _ in _solve(job, gathered)])
-    kept, said = _remembered(job, fitted, gathered, memory)
-    recalled = None if kept is None or memory is None or not memory.logs else KnownLegs.by(memory, job.robot)
-    estimates = _solve(job, gathered, recalled=recalled)
-    floats: list[FloatingLog] = []
-    if on_feet:
-        floats = [floating_log(job.robot, log, job.progress, job.settings.width.mass) for log in on_feet]
-        estimates = _solve(job, gathered, floats, recalled)
-    names, parts = _compared_parts(job, fitted, training, held_back)
-    # a log has noise of its own, in which the difference from others is not
-    several = len(parts) > 2 or names[0].startswith("log ")
-    told = [_alone(job, part) if several else information_of(job, part, gathered) for part in parts]
-    agreement = _agreement(job.tasks, [*names, *(log.source for log in floats)], told, floats)
-    estimates = [_widened(found, agreement) for found in estimates]
+    job, still = _moving(job, training)
+    gathered = gather(job, training, partial(_first_estimates, job))
+    kept, said = memory, ""
+    if memory is not None:  # None if the logs contradict it
+        known = [(task.prior, data.whitened(task.fixed)) for task, data in zip(job.tasks, gathered, strict=True)]
+        kept, said = remembered(job.robot, memory, days_of(time_span(fitted[0], job.joints)[0]), known)
+    recalled = None if kept is None else _recalled(job.robot, memory)
+    floats = [floating_log(job.robot, log, job.progress, job.settings.width.mass) for log in on_feet]
+    agreement = _agreed(job, fitted, (training, held_back), gathered, floats)
+    estimates = [_widened(found, agreement) for found in _solve(job, gathered, floats, recalled)]
     legs, samples = _scored_legs(job, gathered, estimates, training, held_back)
     alike = "the drives of the legs are assumed alike: each joint's rotor inertia and friction draw on the other legs'"
     pooled = [alike] * (job.settings.spread is not None and len(job.tasks) > 1)
     doubts = (*job.doubts, *log_warnings(job.vertical, legs, samples, job.settings.trust))
-    return Identification(
+    result = Identification(
         robot=job.robot,
-        source=", ".join(dict.fromkeys(log.source for log in (*fitted, *on_feet))),
+        source="",
         method=job.settings.method,
         legs=legs,
         torque_lag=job.preprocessing.effort_delay,
         validated_on=validated_on if any("validation" in leg.rmse for leg in legs) else None,
         trust=reduce(_with_trust_of, floats, trust_in(job, gathered, [asked for asked, _ in estimates], doubts)),
-        notes=(*training.notes, job.vertical.note, *job.notes, *pooled, *_feet_notes(floats), *filter(None, [said])),
-        trunk=_best_trunk(floats),
-        warnings=(*still, *doubts, *(agreement.differs if agreement else ())),
-        agreement=agreement,
-        memory=kept,
+        notes=(*training.notes, job.vertical.note, *job.notes, *pooled),
+        warnings=(*still, *doubts),
     )
+    return _completed(result, (*fitted, *on_feet), floats, agreement, kept, (said,) if said else ())
 
 
-def _remembered(
-    job: Job, logs: Sequence[LogFile | Recording], gathered: Sequence[Gathered], memory: Memory | None
-) -> tuple[Memory | None, str]:
-    """The memory with the logs of legs in the air, None if they contradict it, and what to say of it."""
-    if memory is None:
-        return None, ""
-    legs = [(task.prior, data.whitened(task.fixed)) for task, data in zip(job.tasks, gathered, strict=True)]
-    return remembered(job.robot, memory, days_of(time_span(logs[0], job.joints)[0]), legs)
+def _moving(job: Job, training: Part) -> tuple[Job, tuple[str, ...]]:
+    """The job with the friction that its motion shows, and a warning where nothing moves."""
+    still: tuple[str, ...] = ()
+    if not training.moves(job.drop_below):
+        slowest = f"{job.settings.signals.drop_below:g} rad/s"
+        still = (f"no sample moves (all joint velocities stay below {slowest}): samples at rest are used",)
+        job = replace(job, drop_below=0.0)
+    return with_varying_friction(job, training), still
 
 
-def _alone(job: Job, part: Part) -> list[Information]:
-    """Information of one log on each leg, in units of the noise that its own solution leaves."""
-    own = gather(job, part)
-    own = with_noise_of(job, part, own, [asked for asked, _ in _solve(job, own)])
-    return [data.whitened(task.fixed) for task, data in zip(job.tasks, own, strict=True)]
+def _agreed(
+    job: Job,
+    logs: Sequence[LogFile | Recording],
+    parts: tuple[Part, Part | None],
+    gathered: Sequence[Gathered],
+    floats: Sequence[FloatingLog],
+) -> Agreement | None:
+    """Agreement of each log with the others, or of the beginning of a single one with the rest."""
+    names, compared = _compared_parts(job, logs, *parts)
+    if len(compared) > 2 or names[0].startswith("log "):
+        # a log has noise of its own, that its own solution leaves, in which the difference from others is not
+        known = []
+        for part in compared:
+            own = gather(job, part, partial(_first_estimates, job))
+            known.append([data.whitened(task.fixed) for task, data in zip(job.tasks, own, strict=True)])
+    else:
+        known = [information_of(job, part, gathered) for part in compared]
+    return _agreement(job.tasks, [*names, *(log.source for log in floats)], known, floats)
 
 
 def _compared_parts(
@@ -291,15 +293,28 @@ def _scored_legs(
 ) -> tuple[tuple[LegIdentification, ...], int]:
     """Results of the requested legs, evaluated on both parts, and the largest number of moving samples."""
     wanted = range(job.wanted)
-    models = [_models(job, job.tasks[k], gathered[k], estimates[k][0]) for k in wanted]
-    scores = {"training": scored(job.step("scoring"), training, models, job.trunk, job.drop_below)}
+    scores = {"training": [_unscored(job, job.tasks[k], gathered[k], estimates[k][0]) for k in wanted]}
     if held_back is not None:
-        scores["validation"] = scored(job.step("validating"), held_back, models, job.trunk, job.drop_below)
+        scores["validation"] = [_unscored(job, job.tasks[k], gathered[k], estimates[k][0]) for k in wanted]
+    for what, part, found in zip(("scoring", "validating"), (training, held_back or ()), scores.values(), strict=False):
+        for done, chunk in enumerate(part):
+            for score in found:
+                score.add(chunk, job.trunk, job.drop_below)
+            job.progress(what, done + 1, 0)
     legs = tuple(
         _leg_result(job, job.tasks[k], gathered[k], *estimates[k], {part: score[k] for part, score in scores.items()})
         for k in wanted
     )
     return legs, max(score.samples for score in scores["training"])
+
+
+def _unscored(job: Job, task: LegTask, data: Gathered, estimate: Estimate) -> LegScore:
+    parameters = {
+        "prior": task.nominal,
+        "prior_friction": dict(task.nominal) | dict(data.friction_only),
+        "identified": dict(task.fixed) | estimate.by_name(),
+    }
+    return LegScore(task, parameters, {joint: job.robot.limits[joint].effort for joint in task.leg.joints})
 
 
 def _solve(
@@ -313,20 +328,13 @@ def _solve(
     return solve_legs(legs, job.settings.method, job.settings.spread, job.settings.solver, job.progress)
 
 
-def _models(job: Job, task: LegTask, data: Gathered, estimate: Estimate) -> LegModels:
-    parameters = {
-        "prior": task.nominal,
-        "prior_friction": dict(task.nominal) | dict(data.friction_only),
-        "identified": dict(task.fixed) | estimate.by_name(),
-    }
-    return LegModels(task, parameters, {joint: job.robot.limits[joint].effort for joint in task.leg.joints})
+def _first_estimates(job: Job, gathered: Sequence[Gathered]) -> list[Estimate]:
+    return [asked for asked, _ in _solve(job, gathered)]
 
 
 def _leg_result(
     job: Job, task: LegTask, data: Gathered, estimate: Estimate, null_space: Estimate, scores: Mapping[str, LegScore]
 ) -> LegIdentification:
-    structure = structural_observability(task, job.trunk)
-    lasting = structural_observability(task.constant, job.trunk).combinations()
     part = scores.get("validation", scores["training"])
     evaluated = part.excess() if part.samples else {}
     result = LegIdentification(
@@ -335,8 +343,8 @@ def _leg_result(
         estimate=estimate,
         null_space=null_space,
         friction_only=data.friction_only,
-        combinations=tuple(_known(found, estimate) for found in lasting),
-        structural_rank=structure.rank,
+        structure=structural_observability(task.constant, job.trunk).combinations(),
+        structural_rank=structural_observability(task, job.trunk).rank,
         noise=data.noise,
         rmse={part: score.rmse for part, score in scores.items() if score.samples},
         traces=tuple(score.trace(part) for part, score in scores.items()),
@@ -354,15 +362,3 @@ def structural_observability(task: LegTask, trunk: TrunkMotion, samples: int = 1
     motion = JointMotion(*(s * rng.uniform(-1, 1, (samples, n)) for s in (1.5, 5.0, 30.0)))
     rows = task.rows(motion, np.zeros((samples, n)), trunk, std=1e-9)
     return observability(Information.of(rows, task.columns).fix(task.fixed), task.prior)
-
-
-def _known(combination: Combination, estimate: Estimate) -> KnownCombination:
-    gradient = gradients_of([combination], estimate.columns)[0]
-    return KnownCombination(
-        text=str(combination),
-        prior=float(gradient @ estimate.prior.values),
-        value=float(gradient @ estimate.values),
-        std=float(np.sqrt(np.maximum(gradient @ estimate.covariance @ gradient, 0.0))),
-        unit=unit_of(combination.terms[0][0]),
-        verdict=estimate.observability.verdicts(gradient)[0],
-    )

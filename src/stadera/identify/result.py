@@ -14,7 +14,7 @@ import numpy as np
 from stadera.body import FRICTION_UNITS
 from stadera.files import written_together
 from stadera.identify.agreement import Agreement
-from stadera.identify.observability import Identifiability
+from stadera.identify.observability import Combination, Identifiability, gradients_of
 from stadera.identify.solutions import Estimate
 from stadera.identify.varying import VARYING_UNITS, VaryingFriction
 from stadera.inertia import ORDER, UNITS, InertialParameters
@@ -81,8 +81,7 @@ class LegIdentification:
     null_space: Estimate  # the paper's eq. 5 on the same data, for comparison.
     # joint terms fitted with the rigid bodies at CAD, by parameter name
     friction_only: Mapping[str, float] = field(default_factory=dict)
-    # combinations that motion on a held trunk can determine, and how well this log determines them
-    combinations: tuple[KnownCombination, ...] = ()
+    structure: tuple[Combination, ...] = ()  # combinations that motion on a held trunk can determine
     structural_rank: int = 0  # rank of the regressor for rich motion without noise; this log's rank is in the estimate
     # by joint, standard deviation of the torque residual [N·m]
     noise: Mapping[str, float] = field(default_factory=dict)
@@ -110,6 +109,17 @@ class LegIdentification:
             if law.travel
         }
         return dict(zip(names, found, strict=True)) | held | travels
+
+    @cached_property
+    def combinations(self) -> tuple[KnownCombination, ...]:
+        """Combinations that motion on a held trunk can determine, and how well this log determines them."""
+        estimate, units = self.estimate, [unit_of(combination.terms[0][0]) for combination in self.structure]
+        gradients = gradients_of(self.structure, estimate.columns)
+        found = self._quantities(gradients, units, gradients @ estimate.values, gradients @ estimate.prior.values)
+        return tuple(
+            KnownCombination(**vars(q), text=str(combination))
+            for q, combination in zip(found, self.structure, strict=True)
+        )
 
     @cached_property
     def constant_friction(self) -> Mapping[str, Quantity]:
