@@ -43,28 +43,5 @@ if TYPE_CHECKING:
     from stadera.weigh.weigh import weigh as weigh
 __version__ = "0.1.0"
 
-_HOMES = {
-    "errors": "ClosedLoopError IdentificationError MissingExtraError ModelError RecordingError StaderaError "
-    "UnknownNameError UntrustedError",
-    "excite": "excite",
-    "excite.design": "Excitation ExciteSettings",
-    "identify": "identify",
-    "identify.result": "Identification",
-    "identify.settings": "IdentifySettings",
-    "inertia": "InertialParameters",
-    "logs.recording": "Imu Recording",
-    "logs.topics": "LogFile",
-    "robot.load": "load_robot",
-    "robot.model": "Robot",
-    "trunk.estimator": "TrunkEstimator",
-    "trunk.load": "Payload",
-    "trunk.measurement": "Measurement",
-    "trunk.settings": "TrunkSettings",
-    "trust": "Trust",
-    "weigh": "weigh",
-    "weigh.result": "Weighing",
-    "weigh.settings": "WeighSettings",
-}
-
 if not TYPE_CHECKING:
-    __all__, __getattr__, __dir__ = lazy_names(__name__, _HOMES)
+    __all__, __getattr__, __dir__ = lazy_names(__name__)

@@ -3,27 +3,28 @@
 `import stadera` must not import what the caller does not use: MuJoCo, cvxpy and pyarrow take seconds together.
 """
 
+import ast
 import inspect
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from importlib import import_module
 from types import ModuleType
 from typing import Any
 
 
-def lazy_names(
-    package: str, modules: Mapping[str, str]
-) -> tuple[list[str], Callable[[str], Any], Callable[[], list[str]]]:
+def lazy_names(package: str) -> tuple[list[str], Callable[[str], Any], Callable[[], list[str]]]:
     """Returns `__all__`, `__getattr__` and `__dir__` (PEP 562) for a package that imports each public name on first
-    use. `modules`: by module of the package, the names that it defines, or its own, with blanks between.
+    use: those that it imports for type checkers, each as itself (`from module import name as name`).
     """
-    homes = {name: f"{package}.{module}" for module, names in modules.items() for name in names.split()}
+    source = ast.walk(ast.parse(inspect.getsource(sys.modules[package])))
+    imports = (node for node in source if isinstance(node, ast.ImportFrom))
+    homes = {each.name: str(node.module) for node in imports for each in node.names if each.asname}
 
     def getattr_(name: str) -> Any:
         if name not in homes:
             raise AttributeError(f"module {package!r} has no attribute {name!r}")
-        module = import_module(homes[name])
-        value = module if homes[name] == f"{package}.{name}" else getattr(module, name)
+        own = f"{package}.{name}"  # a package that can be called, see `make_callable`
+        value = import_module(own) if homes[name].startswith(f"{own}.") else getattr(import_module(homes[name]), name)
         setattr(sys.modules[package], name, value)
         return value
 

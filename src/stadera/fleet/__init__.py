@@ -14,12 +14,5 @@ if TYPE_CHECKING:
     from stadera.fleet.table import FleetTable as FleetTable
     from stadera.fleet.table import read_fleet as read_fleet
 
-_HOMES = {
-    "jobs": "FleetOptions LogJob jobs_of read_manifest",
-    "pool": "Pool",
-    "run": "run_fleet",
-    "table": "FleetTable read_fleet",
-}
-
 if not TYPE_CHECKING:
-    __all__, __getattr__, __dir__ = lazy_names(__name__, _HOMES)
+    __all__, __getattr__, __dir__ = lazy_names(__name__)

@@ -25,14 +25,5 @@ if TYPE_CHECKING:
     from stadera.logs.topics import LogFile as LogFile
     from stadera.logs.topics import Topics as Topics
 
-_HOMES = {
-    "filters": "smooth_rows suggest_cutoff",
-    "frames": "write_table",
-    "processing": "Preprocessing Processed preprocess preprocess_stream",
-    "reader": "READERS as_log as_logs read reader_of stream",
-    "recording": "Imu Recording concatenate take",
-    "topics": "LogFile Topics",
-}
-
 if not TYPE_CHECKING:
-    __all__, __getattr__, __dir__ = lazy_names(__name__, _HOMES)
+    __all__, __getattr__, __dir__ = lazy_names(__name__)
