@@ -121,10 +121,25 @@ def test_a_torque_that_jumps_is_named_with_its_time(name: str, scenario: str, se
     assert any(joint in reason for reason in found.trust.reasons)
 
 
+@pytest.mark.parametrize(("name", "scenario", "seed"), [("hyq", "crawl", 13), ("anymal_c", "trot", 17)])
+def test_a_torque_that_is_off_all_the_time_is_named(name: str, scenario: str, seed: int) -> None:
+    """By a fifth of its limit."""
+    robot, log = load_robot(name), log_of(name, scenario, seed)
+    assert log.effort is not None
+    assert diagnose(log, robot) == ()
+    joint = robot.legs[1].joints[1]
+    effort = log.effort + np.where(np.array(log.joints) == joint, 0.2 * robot.limits[joint].effort, 0.0)
+    (finding,) = diagnose(replace(log, effort=effort), robot)
+    assert finding.cause == "torque_step"
+    assert f"the torque of {joint!r} is " in finding.message
+    assert "N·m off all the time" in finding.message
+    assert weigh(robot, replace(log, effort=effort)).trust.verdict == "doubtful"
+
+
 @pytest.mark.parametrize(("most", "named"), [(3, False), (12, True)])
 def test_a_step_that_any_joint_explains_is_not_named(monkeypatch: pytest.MonkeyPatch, most: int, named: bool) -> None:
     """Four joints alike: what comes to the whole robot at once is no joint's sensor."""
-    squares, sizes = np.r_[np.full(4, 400.0), np.zeros(8)], np.full(12, 0.1)
+    squares, sizes = np.tile(np.r_[np.full(4, 400.0), np.zeros(8)], (2, 1)), np.full((2, 12), 0.1)
     log = log_of("go2", "shake", 12)
     monkeypatch.setattr(torques, "_tested", lambda *_: (squares, sizes))
     found = torque_step(footing_of(log, "go2", CheckLimits(step_alike_most=most)))

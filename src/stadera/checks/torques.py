@@ -23,20 +23,21 @@ at rest shows no order by this: there static friction varies more than the load.
 rest push against each other, if the feet are not below the hips. Friction can hold that, so it is a doubt and not a
 contradiction.
 
-**Steps.** An offset c of joint k that begins at t₀ adds E_k(t) c from then on. A load that comes then adds A(t) δ
-instead, δ its mass and first moment. Within some seconds around t₀,
+**Steps.** An offset c of joint k that begins at t₀ adds E_k(t) c from then on, or all the time if it was there before.
+A load that comes at t₀ adds A(t) δ instead, δ its mass and first moment. Within some seconds around t₀,
 
     A θ + [t > t₀] A δ + C p + [t > t₀] E_k c = b,
 
 θ and δ are eliminated, p has its usual size, and c is as large as its standard deviation z times; z² is compared for
 all joints and times. Legs that swing tell c from a load: no foot in the air carries. A robot must move all the time: as
-it begins to move, friction lets go of all joints, which looks like a step. A push from outside that begins at t₀ adds a
-nearly constant force and moment, which an offset imitates: the two look alike.
+it begins to move, friction lets go of all joints, which looks like a step. In a crawl it still does so of joints that
+hardly move while they stand. A push from outside that begins at t₀ adds a nearly constant force and moment, which an
+offset imitates: the two look alike.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import ClassVar
@@ -240,31 +241,39 @@ def _push(footing: Footing, a: int, b: int) -> float:
 
 
 def torque_step(footing: Footing) -> tuple[Finding, float] | None:
-    """The step with the largest z, and z², if it is beyond chance and not small; None if there is none, or no IMU."""
+    """The step or offset that is the clearest, and its z², if it is beyond what is needed; None if there is none, or no
+    IMU.
+    """
     limits, time, rows = footing.limits, footing.blocks.time, TrunkRows.of(footing)
     spans = [] if rows is None else list(_spans(footing))
     if rows is None or not spans:
         return None
     recorded = rows.columns(tuple(range(len(footing.robot.legs))))
-    found = {k: _tested(rows, recorded, *spans[k]) for k in range(0, len(spans), 2)}
+
+    def tested(chosen: Iterable[int]) -> dict[int, tuple[Array, Array]]:
+        return {k: _tested(rows, recorded, *spans[k]) for k in chosen if 0 <= k < len(spans)}
+
+    found = tested(range(0, len(spans), 2))
     near = max(found, key=lambda k: float(found[k][0].max()))
-    found |= {k: _tested(rows, recorded, *spans[k]) for k in (near - 1, near + 1) if 0 <= k < len(spans)}
+    found |= tested((near - 1, near + 1))
     k = max(found, key=lambda k: float(found[k][0].max()))
     (squares, sizes), (span, at) = found[k], spans[k]
-    best = int(np.argmax(squares))
-    alike = [k for k in np.argsort(-squares) if squares[k] > squares[best] - limits.step_alike]
-    small = squares[best] < limits.step_gain or abs(sizes[best]) < limits.step_least
-    if small or len(alike) > limits.step_alike_most:
+    kind = int(np.argmax(squares.max(axis=1)))
+    best = int(np.argmax(squares[kind]))
+    alike = [k for k in np.argsort(-squares[kind]) if squares[kind, k] > squares[kind, best] - limits.step_alike]
+    if squares[kind, best] < 2.0 * np.log(len(spans)) or len(alike) > limits.step_alike_most:
         return None
     names = [joint for leg in footing.robot.legs for joint in leg.joints]
-    joints = " or ".join(repr(names[k]) for k in alike[:3])
-    how = f"by {sizes[best] * rows.limit[best]:.3g} N·m at about {time[span.start + at]:.1f} s"
+    joints, size = " or ".join(repr(names[k]) for k in alike[:3]), sizes[kind, best] * rows.limit[best]
+    z = float(squares[kind, best]) + _needed(footing, span, at)
+    how, since = (f"jumps by {size:.3g} N·m at about {time[span.start + at]:.1f} s", "since then")
+    if kind:
+        how, since = f"is {size:.3g} N·m off all the time", "all the time"
     text = (
-        f"the torque of {joints} jumps {how}, which neither the motion nor a load explains "
-        f"({np.sqrt(squares[best]):.1f} standard deviations); or something pushes or pulls the robot since then, which "
-        "looks alike"
+        f"the torque of {joints} {how}, which neither the motion nor a load explains ({np.sqrt(z):.1f} standard "
+        f"deviations); or something pushes or pulls the robot {since}, which looks alike"
     )
-    return Finding("torque_step", text), float(squares[best])
+    return Finding("torque_step", text), z
 
 
 def _spans(footing: Footing) -> Iterator[tuple[slice, int]]:
@@ -281,23 +290,38 @@ def _spans(footing: Footing) -> Iterator[tuple[slice, int]]:
             yield slice(begin, end), at - begin
 
 
+def _needed(footing: Footing, span: slice, at: int) -> float:
+    """z² of a step that usual errors of models do not reach, of one test alone: more where many joints hardly move, for
+    their friction may let go or turn.
+    """
+    limits, rate = footing.limits, footing.blocks.rate[span][:, footing.body.in_legs]
+    parts = rate[:at], rate[at:]
+    ways = [(sign * part > limits.step_slides).mean(axis=0) for part in parts for sign in (1.0, -1.0)]
+    sliding = np.min(ways, axis=0) > limits.step_sliding
+    return limits.step_gain if sliding.mean() > limits.step_free else limits.step_gain_held
+
+
 def _tested(rows: TrunkRows, recorded: Array, span: slice, at: int) -> tuple[Array, Array]:
-    """z² (L k,) and size (L k,) as a share of the limit, by joint; z² is 0 where the rows do not tell it from a load,
-    and for all joints if the rows fit badly.
+    """z² beyond `_needed` (2, L k) and size (2, L k) as a share of the limit, of a step and of an offset all the time,
+    by joint; far below where they are small or the rows do not tell them from a load, and for all joints if the rows
+    fit badly.
     """
     limits, part, n = rows.footing.limits, slice(6 * span.start, 6 * span.stop), len(rows.limit)
     A, both, offset = rows.matrix[part], recorded[part], rows.steps[part]
     after = (np.arange(len(A)) >= 6 * at)[:, None]
-    columns, p = np.hstack([both, offset * after]), both.shape[1]
+    columns, p = np.hstack([both, offset * after, offset]), both.shape[1]
     trunk = np.hstack([A, A[:, :4] * after])
     products = _less(columns, trunk, limits)
     fit = Likelihood.of(products[:p, :p], len(A) - trunk.shape[1], limits.order_repeated)
     if fit.variance > limits.order_repeated * limits.step_scatter**2:
-        return np.zeros(n), np.zeros(n)
+        return np.full((2, n), -np.inf), np.zeros((2, n))
     # what p, of its usual size, explains is taken out of b and of the steps
     weight = (fit.vector / (fit.variance + fit.value)) @ fit.vector.T
     by_errors = products[p:, 1:p] @ weight
     along = products[p:, 0] - by_errors @ products[1:p, 0]
     left = np.maximum(np.diagonal(products)[p:] - (by_errors * products[p:, 1:p]).sum(axis=1), 1e-12)
-    seen = left > limits.step_seen * (columns[:, p:] ** 2).sum(axis=0)
-    return np.where(seen, along**2 / left / fit.variance, 0.0), along / left
+    sizes = (along / left).reshape(2, n)
+    seen = (left > limits.step_seen * (columns[:, p:] ** 2).sum(axis=0)).reshape(2, n)
+    seen &= np.abs(sizes) > np.array([[limits.step_least], [limits.offset_least]])
+    squares = (along**2 / left / fit.variance).reshape(2, n) - _needed(rows.footing, span, at)
+    return np.where(seen, squares, -np.inf), sizes
