@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from stadera.body import FRICTION_TERMS
 from stadera.boundary import foreign, require_input
 from stadera.errors import ModelError, UntrustedError
 from stadera.identify.observability import Identifiability
@@ -27,7 +28,6 @@ from stadera.robot.model import JointDynamics, Robot
 from stadera.trunk.result import TrunkParameters
 
 _INERTIA = tuple(name.removeprefix("I") for name in ORDER[4:])
-_READ = ("armature", "viscous", "coulomb", "offset")
 UNITS = {
     "mass": "kg",
     "com": "m",
@@ -52,7 +52,7 @@ def identification_dict(result: Identification) -> dict[str, Any]:
         "links": links_dict(result.legs, mark),
         "joints": joints_dict(result.legs, mark),
         "cad_friction": {
-            joint: {t: leg.friction_only[f"{joint}.{t}"] for t in _READ if f"{joint}.{t}" in leg.friction_only}
+            joint: {t: leg.friction_only[f"{joint}.{t}"] for t in FRICTION_TERMS if f"{joint}.{t}" in leg.friction_only}
             for leg in result.legs
             for joint in leg.leg.joints
         },
@@ -203,12 +203,12 @@ def _body(entry: dict[str, Any]) -> InertialParameters:
 
 
 def _terms(entry: dict[str, Any]) -> dict[str, float]:
-    found = {term: _number(entry[term]) for term in _READ if term in entry}
+    found = {term: _number(entry[term]) for term in FRICTION_TERMS if term in entry}
     return {term: value if term == "offset" else max(value, 0.0) for term, value in found.items()}
 
 
 def _stds(entry: dict[str, Any]) -> JointDynamics:
-    stds = {term: entry.get(term, {}).get("std") for term in _READ}
+    stds = {term: entry.get(term, {}).get("std") for term in FRICTION_TERMS}
     return JointDynamics(**{term: nan if std is None else float(std) for term, std in stds.items()})
 
 

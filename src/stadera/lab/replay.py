@@ -25,7 +25,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from stadera.body.friction import presliding
+from stadera.body.friction import FRICTION_TERMS, presliding
 from stadera.boundary import foreign
 from stadera.checks import Guard
 from stadera.errors import ModelError, RecordingError, StaderaError, require_positive
@@ -280,9 +280,6 @@ class _Simulated:
         return np.asarray(np.maximum(self.coulomb + varying, 0.0))
 
 
-TERMS = ("armature", "viscous", "coulomb", "offset")
-
-
 def replayed_models(
     tested: str, against: str, *, force: bool = False, limits: Limits = DEFAULTS
 ) -> tuple[tuple[Drive, ...], float | None]:
@@ -339,5 +336,7 @@ def _mean_friction(entry: dict[str, Any]) -> float:
 
 
 def _with_friction(robot: Robot, joint: str, terms: dict[str, float]) -> JointDynamics:
-    known = {name: value if name == "offset" else max(value, 0.0) for name, value in terms.items() if name in TERMS}
+    known = {
+        name: value if name == "offset" else max(value, 0.0) for name, value in terms.items() if name in FRICTION_TERMS
+    }
     return replace(robot.dynamics[joint], **known)

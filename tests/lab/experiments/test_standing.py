@@ -44,8 +44,6 @@ def outcome(case: StandingCase, com: tuple[float, float, float], mass: float = 6
         one_pose_com=np.array(com),
         rotation=turn if getattr(case, "slope", 0.0) else np.eye(3),
         seconds=1.0,
-        trace_time=np.arange(2.0),
-        trace_com=np.zeros((2, 3)),
     )
 
 

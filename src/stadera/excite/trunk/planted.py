@@ -26,7 +26,7 @@ from scipy.interpolate import make_interp_spline
 from scipy.spatial.transform import Rotation
 
 from stadera.body import Body, Motion, State
-from stadera.body.friction import direction
+from stadera.body.friction import FRICTION_TERMS, direction
 from stadera.constants import GRAVITY
 from stadera.errors import IdentificationError
 from stadera.excite.sinusoids import Sinusoids, smooth_step
@@ -253,7 +253,7 @@ class Drawn:
         dynamics, bodies, legs = {}, {}, []
         for k, at in enumerate(self._order):
             joint = robot.tree.joints[at]
-            rotor, viscous, coulomb, offset = (getattr(robot.dynamics[joint], n) for n in _TERMS)
+            rotor, viscous, coulomb, offset = (getattr(robot.dynamics[joint], n) for n in FRICTION_TERMS)
             dynamics[joint] = JointDynamics(
                 rotor + own[0, k], viscous + own[1, k], coulomb + own[2, k], offset + p["offset"][k]
             )
@@ -299,9 +299,6 @@ class Drawn:
             noisy(w @ turned, _NOISE["gyro"]),
             noisy(force @ turned + p["accelerometer"], _NOISE["accelerometer"]),
         )
-
-
-_TERMS = ("armature", "viscous", "coulomb", "offset")
 
 
 def expected_bars(robot: Robot, planted: Planted, payload: InertialParameters, drawn: Drawn) -> PayloadBars | None:

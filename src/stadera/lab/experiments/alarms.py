@@ -22,7 +22,6 @@ from stadera.lab.experiments.runner import (
 )
 from stadera.lab.scenarios.catalog import SimulateSettings
 from stadera.lab.scenarios.run import simulate
-from stadera.report.table import TableData
 from stadera.robot import load_robot
 from stadera.trunk import TrunkEstimator
 from stadera.trunk.samples import Samples
@@ -95,7 +94,7 @@ def summary(grid: Sequence[AlarmCase], runs: Sequence[Outcome]) -> ExperimentRes
         note="Rate: exact one-sided 95 % bound.",
     )
     facts = {"Runs": f"{len(pairs)}", "Robots": ", ".join(dict.fromkeys(c.robot for c in grid))}
-    return PAPER.result(records, (counts, _each(pairs)), facts=facts)
+    return PAPER.result(records, (counts,), facts=facts)
 
 
 EXPERIMENT = PAPER.experiment(cases, watch, summary, keeps=True)
@@ -116,18 +115,3 @@ def _records(pairs: _Pairs) -> Iterator[Record]:
         yield PAPER.record(case, "false alarms", "1", float(alarms), bound=bound)
         yield PAPER.record(case, "rate of false alarms, not above, to 95 %", "1/h", highest_rate(alarms, minutes))
         yield PAPER.record(case, "falls", "1", float(sum(run["fell"] is not None for _, run in own)))
-
-
-def _each(pairs: _Pairs) -> TableData:
-    rows = [
-        (
-            f"{c.robot}, {c.scenario}, {c.errors}, seed {c.seed}",
-            f"{alarm['time']:.2f}",
-            f"{alarm['noticed']:.2f}",
-            f"{100.0 * alarm['mass']:+.1f}",
-        )
-        for c, run in pairs
-        for alarm in run["alarms"]
-    ]
-    head = ("run", "at [s]", "named at [s]", "mass [% of the robot's]")
-    return TableData.of("Every false alarm", head, rows or [("none", "", "", "")])

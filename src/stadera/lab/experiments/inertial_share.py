@@ -35,7 +35,6 @@ from stadera.lab.experiments.runner import ExperimentResult, Paper, Record, Repr
 from stadera.lab.plant.plant import Plant
 from stadera.lab.plant.sensors import IDEAL, Sensors
 from stadera.lab.plant.world import TrueState
-from stadera.report.figures import Axis, Figure, Panel, line
 from stadera.report.table import Cell, Row, TableData
 from stadera.robot import Robot, load_robot
 from stadera.robot.stance import standing_configuration
@@ -130,8 +129,7 @@ def summary(_: Sequence[ShareCase], cycles: Sequence[Cycle]) -> ExperimentResult
     return PAPER.result(
         (record for cycle in cycles for record in _records(cycle)),
         (_table(cycles),),
-        (_figure(cycles),),
-        {"Robot": _ROBOT, "Plant": "MuJoCo, 1 kHz, controller in the loop; sensors without errors"},
+        facts={"Robot": _ROBOT, "Plant": "MuJoCo, 1 kHz, controller in the loop; sensors without errors"},
     )
 
 
@@ -160,22 +158,6 @@ def _table(cycles: Sequence[Cycle]) -> TableData:
         ("time of a cycle", *(f"{cycle.time[-1]:.2f} s" for cycle in cycles)),
     )
     return TableData.of("Inertial forces in the joint torques of one cycle", head, rows)
-
-
-def _figure(cycles: Sequence[Cycle]) -> Figure:
-    panels = tuple(
-        Panel(
-            Axis("time in the cycle [s]"),
-            Axis("norm [N·m]", zero=True),
-            (
-                line(cycle.time, cycle.torque, "all", "ink"),
-                line(cycle.time, cycle.inertial, "by inertial forces", "blue"),
-            ),
-            title=f"{100 * cycle.speed:.0f} cm/s",
-        )
-        for cycle in cycles
-    )
-    return Figure("Norm of the joint torques over one cycle", (panels[:2], panels[2:]))
 
 
 def _cycles(crawl: Crawl) -> int:

@@ -27,9 +27,9 @@ from stadera.logs import Recording
 from stadera.logs.recording import concatenate
 from stadera.logs.topics import example
 from stadera.report.figures import Axis, Figure, Panel, line, stacked
+from stadera.report.identify.tables import rmse_table
 from stadera.report.look import ROLES
-from stadera.report.numbers import compared, number
-from stadera.report.table import Cell, TableData
+from stadera.report.table import TableData
 from stadera.robot import load_robot
 from stadera.robot.model import Robot
 
@@ -189,23 +189,8 @@ def _validation(leg: LegIdentification) -> TorqueTrace:
     raise IdentificationError(f"leg {leg.leg.name}: nothing was held out to validate on")
 
 
-def _rmse_table(result: Identification, title: str, note: str, models: tuple[str, ...]) -> TableData:
-    """Torque RMSE on validation, one row per joint, one column per model (the reference first, identified last)."""
-
-    def figure(value: float) -> str:
-        return f"{value:.4f}" if value >= 1e-4 or value == 0.0 else number(value, 3)
-
-    head = ("joint", "torque RMS [N·m]", *(f"{NAMES[m]} [N·m]" for m in models), f"against {NAMES[models[-2]]}")
-    groups = {}
-    for leg in result.legs:
-        rms, rows = np.sqrt(np.mean(_validation(leg).measured ** 2, axis=0)), []
-        for k, joint in enumerate(leg.leg.joints):
-            *others, identified = (leg.rmse[PART][m][joint] for m in models)
-            change = Cell(compared(identified, others[-1]), good=identified <= others[-1])
-            last = Cell(figure(identified), strong=True), change
-            rows.append((joint, f"{rms[k]:.3f}", *map(figure, others), *last))
-        groups[leg.leg.name] = rows
-    return TableData.of(title, head, groups, note)
+def _rmse_table(result: Identification, title: str, note: str) -> TableData:
+    return replace(rmse_table(result), title=title, note=note)
 
 
 def _rmse_records(
@@ -245,8 +230,8 @@ def _fig4(cases: Sequence[LegCase], found: Sequence[Identification]) -> Experime
             *_rmse_records(_FIG4, {"sensor errors": "standard"}, noisy_leg, "prior_friction"),
         ),
         (
-            _rmse_table(exact, "Torque RMSE, no noise", note, _PLAIN),
-            _rmse_table(noisy, "Torque RMSE, sensor errors", offsets, ("prior", "prior_friction", "identified")),
+            _rmse_table(exact, "Torque RMSE, no noise [N·m]", note),
+            _rmse_table(noisy, "Torque RMSE, sensor errors [N·m]", offsets),
         ),
         (
             torque_figure(exact_leg, "Without noise, as in the paper", note, _PLAIN),
@@ -294,7 +279,7 @@ def _fig5(cases: Sequence[RealLegs], found: Sequence[Identification]) -> Experim
     return _FIG5.result(
         [record for robot, result in pairs for record in _real_records(robot, result)],
         [
-            _rmse_table(result, f"{robot}: torque RMSE", f"On {result.validated_on}, not used to identify.", MODELS)
+            _rmse_table(result, f"{robot}: torque RMSE [N·m]", f"On {result.validated_on}, not used to identify.")
             for robot, result in pairs
         ],
         [

@@ -18,7 +18,6 @@ from stadera.lab.control.reference import TrunkPose
 from stadera.lab.control.stand import TestBed
 from stadera.lab.control.trunk import TrunkController
 from stadera.lab.laws.orientation import OrientationCom, PostureLaw
-from stadera.lab.laws.poses import PosesCom
 from stadera.lab.laws.recursive import ContactCom, RecursiveCom
 from stadera.lab.laws.static import MassEstimator
 from stadera.lab.laws.static_poses import PoseOffset, static_poses
@@ -54,8 +53,6 @@ class StandingTimes:
     height: float = 4.0  # along the height: 8 of them
     move: float = 0.8  # to move between static poses
     hold: float = 1.2  # to hold each
-    trace: float = 0.01  # between points of the trace
-    trace_poses: float = 0.2  # the same if every evaluation solves for all poses again
 
 
 @dataclass(frozen=True)
@@ -95,8 +92,6 @@ class StandingOutcome:
     one_pose_com: Array  # (3,) [m], estimate before the trunk was tilted for the height; `com` if it was not
     rotation: Array  # (3, 3), of the trunk in the world at that time
     seconds: float  # simulated [s]
-    trace_time: Array  # (k,) [s]
-    trace_com: Array  # (k, 3) [m], the estimate over time
 
     @property
     def in_plane(self) -> float:
@@ -197,8 +192,6 @@ class _StandingRun:
         self.bed = TestBed(plant, sensors, controller, feed_back=True, every=case.every)
         self.forces = ContactForceEstimator(self.robot)
         self.estimator: Estimator = MassEstimator(self.robot, self.start, self.forces)
-        self._trace: list[tuple[float, Array]] = []
-        self._next_trace = 0.0
         self._one_pose: tuple[Array, Array] | None = None
 
     def weigh(self) -> None:
@@ -249,13 +242,11 @@ class _StandingRun:
             one_pose_com=one_pose_com,
             rotation=rotation,
             seconds=plant.time,
-            trace_time=np.array([time for time, _ in self._trace]),
-            trace_com=np.array([com for _, com in self._trace]),
         )
 
     def _watched(self, estimator: Estimator, seconds: float) -> None:
         self.bed.estimator = estimator
-        self.bed.run(seconds, self._note)
+        self.bed.run(seconds)
         self.bed.estimator = None
 
     def _hold(self, seconds: float) -> None:
@@ -266,13 +257,6 @@ class _StandingRun:
         found = self.estimator.estimate()
         if found.status in (Status.MOVING, Status.CONVERGED):
             self.controller.update_trunk(found.trunk)
-
-    def _note(self, bed: TestBed) -> None:
-        time = bed.plant.time
-        if time >= self._next_trace and bed.estimator is not None:
-            slow = isinstance(bed.estimator, PosesCom)
-            self._next_trace = time + (self.times.trace_poses if slow else self.times.trace)
-            self._trace.append((time, bed.estimator.estimate().trunk.com_trunk))
 
     def _move(self, goal: TrunkPose) -> None:
         self.controller.move(goal, self.times.move)

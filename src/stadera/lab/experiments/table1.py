@@ -28,7 +28,6 @@ from stadera.identify.settings import IdentifySettings
 from stadera.inertia import ORDER
 from stadera.lab.experiments.legs import LEG, LegCase, impossible_links, torque_figure
 from stadera.lab.experiments.runner import CaseValues, ExperimentResult, Paper, Record
-from stadera.report.figures import Axis, Figure, Panel, Series
 from stadera.report.table import Cell, Row, TableData
 from stadera.robot.model import Robot
 from stadera.types import Array
@@ -138,11 +137,6 @@ class Recovery:
         whitened = np.linalg.solve(covariance / np.outer(scale, scale), error / scale)
         return float((error / scale) @ whitened / len(error))
 
-    @property
-    def prior_widths(self) -> Array:
-        """Prior standard deviation of each identifiable combination, in its unit."""
-        return np.asarray(np.linalg.norm(self._gradients @ self.leg.estimate.prior.root, axis=1))
-
     def nees_limit(self, probability: float = 0.975) -> float:
         """Quantile of `nees` for this probability if the covariance is right."""
         n = len(self.structure)
@@ -179,7 +173,6 @@ class Worth:
     motion: str  # description
     rank: int  # without noise
     noisy_rank: int  # with the usual torque noise, relative to the prior
-    observable: int  # number of parameters that the data alone determine, with that noise
     gain: float  # information [nat]
 
 
@@ -206,8 +199,7 @@ def _motion_worth(case: LegCase) -> tuple[Worth, ...]:
 
     def worth(name: str, reference: Reference) -> Worth:
         seen = noisy.observability(reference)
-        observable = sum(v is Identifiability.OBSERVABLE for v in seen.verdicts())
-        return Worth(name, exact.observability(reference).rank, seen.rank, observable, noisy.gain(reference))
+        return Worth(name, exact.observability(reference).rank, seen.rank, noisy.gain(reference))
 
     motions = {"the paper's random draw": case.motion, "optimised": best}
     return tuple(worth(name, motion.sample(rate)) for name, motion in motions.items())
@@ -218,11 +210,8 @@ def _summary(cases: Sequence[LegCase], found: Sequence[Any]) -> ExperimentResult
     estimate, note = exact.leg.estimate, "Not used to identify. The identified model's curves lie on the measured ones;"
     return PAPER.result(
         _records(exact, possible, noisy, worth),
-        (*_link_tables(exact), _paper_table(PAPER.values["links"]), _combination_table(noisy), _worth_table(worth)),
-        (
-            torque_figure(exact.leg, "Torques on a second motion", f"{note} CAD's do not.", ("prior", "identified")),
-            _deviation_figure(noisy),
-        ),
+        (*_link_tables(exact), _paper_table(PAPER.values["links"])),
+        (torque_figure(exact.leg, "Torques on a second motion", f"{note} CAD's do not.", ("prior", "identified")),),
         {
             "Robot": f"{exact.truth.name}, leg {LEG}, trunk held",
             "Motion": f"the paper's random sinusoids, {cases[0]}",
@@ -281,7 +270,7 @@ def _records(exact: Recovery, possible: Recovery, noisy: Recovery, worth: tuple[
         yield PAPER.record(case, "information gain", "nat", w.gain)
 
 
-# -- tables and figure ------------------------------------------------------------------------------------------------
+# -- tables ---------------------------------------------------------------------------------------------------------
 _COM_HEAD = ("", "mass [kg]", "CoM x [m]", "CoM y [m]", "CoM z [m]")
 
 
@@ -324,50 +313,3 @@ def _paper_table(links: Mapping[str, Sequence[Sequence[float]]]) -> TableData:
     }
     head = (*_COM_HEAD, *(f"{name} [kg·m²]" for name in ORDER[4:]))
     return TableData.of("The paper's Table I", head, rows, "Another draw of the perturbation than ours.")
-
-
-def _combination_table(found: Recovery) -> TableData:
-    """Identifiable combinations: simulated, identified, and their difference in standard deviations."""
-    rows = [
-        (
-            c.name,
-            _figure(c.truth),
-            Cell(f"{_figure(c.value)} ± {c.std:.4f}", c.verdict, strong=c.verdict is Identifiability.OBSERVABLE),
-            _figure(c.prior),
-            f"{c.deviations:+.1f} σ",
-        )
-        for c in found.combinations
-    ]
-    head = ("combination [kg·m, kg·m²]", "simulated", "identified ± std", "CAD", "off by")
-    note = (
-        "Sums over links that no motion on a held trunk can take apart. With correct error bars two in three are off "
-        "by less than 1 σ, nineteen in twenty by less than 2 σ."
-    )
-    return TableData.of("With sensor errors: what the leg's torques depend on", head, rows, note)
-
-
-def _worth_table(worth: tuple[Worth, ...]) -> TableData:
-    head = ("motion", "rank, no noise", "rank, noise", "observable, noise", "information gain [nat]")
-    rows = [(w.motion, str(w.rank), str(w.noisy_rank), str(w.observable), f"{w.gain:.1f}") for w in worth]
-    note = (
-        "Of the links' 30 parameters on a held trunk 17 directions can be identified at best. Noise: torques off by "
-        "0.33 % of each joint's limit, CAD as prior; a gain of one nat shrinks the error of one direction to 37 %."
-    )
-    return TableData.of("What the motion is worth", head, rows, note)
-
-
-def _deviation_figure(found: Recovery) -> Figure:
-    """Errors of the identifiable combinations, in units of the prior's standard deviation."""
-    compared, widths = found.combinations, found.prior_widths
-    position = np.arange(len(compared), dtype=float)
-    before = np.array([c.prior - c.truth for c in compared]) / widths
-    after = np.array([c.value - c.truth for c in compared]) / widths
-    stds = np.array([c.std for c in compared]) / widths
-    names = tuple(c.name.split(" ")[0] + (" + …" if " " in c.name else "") for c in compared)
-    marks = (
-        Series(before, position, "CAD", "steel", 0.0, marker="dot"),
-        Series(after, position, "identified ± 1 σ", "blue", 0.0, marker="dot", x_range=(after - stds, after + stds)),
-    )
-    panel = Panel(Axis("off from simulated [prior widths]"), Axis(labels=names), marks)
-    note = "0 is the simulated value, 1 the prior's standard deviation; bars are the estimate's."
-    return Figure("With sensor errors: how far off CAD is, and how far what was identified", ((panel,),), note)

@@ -2,13 +2,10 @@
 
 from collections.abc import Iterator, Sequence
 
-import numpy as np
-
 from stadera.constants import GRAVITY
 from stadera.errors import MissingExtraError
 from stadera.lab.experiments.runner import ExperimentResult, Paper, Record, ReproduceSettings, crossed
 from stadera.lab.experiments.standing import METHOD_NAMES, StandingCase, StandingOutcome, stand, start_range
-from stadera.report.figures import Axis, Figure, Panel, line
 from stadera.report.table import TableData
 from stadera.robot import load_robot
 
@@ -48,8 +45,7 @@ def summary(_: Sequence[StandingCase], outcomes: Sequence[StandingOutcome]) -> E
     return PAPER.result(
         [*plane, *height, *masses, *more],
         tables,
-        [_convergence(hyq)],
-        {
+        facts={
             "Robots": ", ".join(dict.fromkeys(o.case.robot for o in outcomes)),
             "Start": f"{start_range(hyq)} on HyQ",
             "Plant": "MuJoCo, 1 kHz, controller in the loop; estimators at 200 Hz",
@@ -114,14 +110,3 @@ def _table(title: str, error: str, records: list[Record], note: str) -> TableDat
         corner=error,
         note=note,
     )
-
-
-def _convergence(outcomes: Sequence[StandingOutcome]) -> Figure:
-    most = max(o.case.load for o in outcomes)
-    panels = []
-    for o in (o for o in outcomes if o.case.load == most):
-        error = 100 * np.linalg.norm((o.trace_com - o.true_com)[:, :2], axis=1)
-        curve = line(o.trace_time, np.maximum(error, 1e-4), "‖δ‖")
-        panels.append(Panel(Axis("time [s]"), Axis("‖δ‖ [cm]", log=True), (curve,), title=METHOD_NAMES[o.case.method]))
-    title = f"Error in x-y on the way, load {most:g} N"
-    return Figure(title, tuple((panel,) for panel in panels), "At first the mass alone is weighed.", 210.0)

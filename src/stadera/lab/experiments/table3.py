@@ -4,7 +4,6 @@ from collections.abc import Iterator, Sequence
 
 from stadera.lab.experiments.runner import ExperimentResult, Paper, Record, ReproduceSettings, crossed
 from stadera.lab.experiments.standing import StandingCase, StandingOutcome, stand, start_range
-from stadera.report.figures import Axis, Figure, Panel, line
 from stadera.report.table import TableData
 
 PAPER = Paper.of("table3")
@@ -33,8 +32,7 @@ def summary(_: Sequence[StandingCase], outcomes: Sequence[StandingOutcome]) -> E
             _table(_ONE_POSE, records, "The same poses."),
             _table(_TRUNK, records, "The same runs, after the trunk has pitched."),
         ),
-        (_figure(outcomes[-1]),),
-        {
+        facts={
             "Robot": "hyq",
             "Start": start_range(outcomes),
             "Plant": "MuJoCo, 1 kHz, controller in the loop; estimator at 200 Hz",
@@ -65,13 +63,3 @@ def _table(metric: str, records: list[Record], note: str) -> TableData:
         corner="slope, ‖δ‖ [cm]",
         note=f"{note} Bound: {PAPER.bounds['plane']:.2f} cm in every cell.",
     )
-
-
-def _figure(o: StandingOutcome) -> Figure:
-    lines = tuple(
-        line(o.trace_time, 100 * (o.trace_com - o.true_com)[:, axis], f"{name}, estimate − truth", colour)
-        for name, colour, axis in (("x", "blue", 0), ("y", "orange", 1))
-    )
-    panel = Panel(Axis("time [s]"), Axis("error [cm]"), lines, title="trunk's centre of mass")
-    title = f"On the way, slope {o.case.slope:g}°, load {o.case.load:g} N"
-    return Figure(title, ((panel,),), "At first the mass alone is weighed.")

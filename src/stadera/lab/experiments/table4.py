@@ -46,11 +46,10 @@ _READINGS: dict[Reading, str] = {
 
 @dataclass(frozen=True)
 class _Error:
-    """Texts for a kind of error: its object, constant errors, unit, columns (μ, σ), readings."""
+    """Texts for a kind of error: its object, unit, columns (μ, σ), readings."""
 
     name: str
     title: str
-    constant: str
     unit: str
     columns: tuple[tuple[float, float], ...]
     readings: tuple[Reading, ...]
@@ -60,7 +59,6 @@ _ERRORS: Mapping[Kind, _Error] = {
     "torque": _Error(
         "torque offset",
         "Torque offsets",
-        "torque offsets",
         "N·m",
         ((0.0, 1.0), (10.0, 1.0), (20.0, 1.0)),
         ("run", "sample", "drive"),
@@ -68,7 +66,6 @@ _ERRORS: Mapping[Kind, _Error] = {
     "foot": _Error(
         "foot position",
         "Wrong foot positions",
-        "errors of the feet",
         "cm",
         ((0.0, 1.0), (0.0, 2.0), (0.0, 3.0)),
         ("run", "sample", "misled"),

@@ -184,7 +184,6 @@ def _crawling(robot: Robot, trunk: TrunkModel) -> Controller:
 class Scenario:
     """A scenario."""
 
-    summary: str  # one line
     duration: float  # default duration [s]
     events: Script | None = None  # besides the load
     own: bool = False  # whether it has a load of its own, where the settings have none
@@ -305,36 +304,29 @@ def _played(robot: Robot, settings: SimulateSettings, duration: float) -> Sequen
     return [ScriptEvent(time, play) for time in (DEFAULTS.between, _again(settings))]
 
 
-_LATER, _OWN = "with --load after 40 % of the time", "a load (10 % of its mass) is added after 40 % of the time"
-
 SCENARIOS: Mapping[str, Scenario] = MappingProxyType(
     {
-        "stand": Scenario("stands still, with --load from the beginning", 8.0, load_time=lambda *_: 0.0),
-        "stand-load": Scenario(f"stands still; {_OWN}", 12.0, own=True),
-        "poses": Scenario(
-            "holds eleven poses of the trunk, for the method 'poses'", 33.0, _poses, load_time=lambda *_: 0.0
-        ),
-        "trot": Scenario(f"trots at 0.3 m/s, {_LATER}", 8.0, _motion(_trot), controller=Trot.of),
-        "trot-load": Scenario(f"trots; {_OWN}", 8.0, _motion(_trot), own=True, controller=Trot.of),
-        "errands": Scenario(f"trots, turns, stops and sways at random, {_LATER}", 20.0, _errands, controller=Trot.of),
-        "crawl": Scenario(f"crawls at 0.1 m/s, {_LATER}", 12.0, _motion(_crawl), controller=_crawling),
-        "crawl-load": Scenario(f"crawls; {_OWN}", 12.0, _motion(_crawl), own=True, controller=_crawling),
-        "shake": Scenario(f"stands with a small motion of the body, {_LATER}", 8.0, _motion(_shake)),
-        "shake-load": Scenario(f"stands with a small motion; {_OWN}", 8.0, _motion(_shake), own=True),
-        "squat": Scenario(f"squats by 12 % of the leg every 2.4 s, {_LATER}", 8.0, _squats),
+        "stand": Scenario(8.0, load_time=lambda *_: 0.0),
+        "stand-load": Scenario(12.0, own=True),
+        "poses": Scenario(33.0, _poses, load_time=lambda *_: 0.0),
+        "trot": Scenario(8.0, _motion(_trot), controller=Trot.of),
+        "trot-load": Scenario(8.0, _motion(_trot), own=True, controller=Trot.of),
+        "errands": Scenario(20.0, _errands, controller=Trot.of),
+        "crawl": Scenario(12.0, _motion(_crawl), controller=_crawling),
+        "crawl-load": Scenario(12.0, _motion(_crawl), own=True, controller=_crawling),
+        "shake": Scenario(8.0, _motion(_shake)),
+        "shake-load": Scenario(8.0, _motion(_shake), own=True),
+        "squat": Scenario(8.0, _squats),
         "motion": Scenario(
-            "plays --motion F.csv twice by a joint PD controller, with --load in between",
             13.0,
             _played,
             load_time=lambda settings, _: _again(settings) - 0.5 * DEFAULTS.between,
             controller=lambda robot, trunk: Played(TrunkController(robot, trunk=trunk)),
         ),
-        "ramp": Scenario(
-            "stands still on a ramp that rises by 10°", 8.0, load_time=lambda *_: 0.0, slope=float(np.deg2rad(10.0))
-        ),
+        "ramp": Scenario(8.0, load_time=lambda *_: 0.0, slope=float(np.deg2rad(10.0))),
     }
 )
-"""By name."""
+"""By name; `-load` has a load of its own."""
 
 
 def controlled(scenario: Scenario, robot: Robot, whole: Robot, arms: Arms) -> tuple[Controller, ArmTorques | None]:
