@@ -1,6 +1,5 @@
-"""Converts a robot to a Pinocchio model, with the robot's inertias and joint dynamics instead of the file's."""
+"""Converts a robot to a Pinocchio model, with the robot's inertias and rotors instead of the file's."""
 
-from dataclasses import astuple
 from typing import Any
 
 import numpy as np
@@ -16,8 +15,8 @@ def pinocchio_model(robot: Robot) -> Any:
     mass and non-zero moments, or an impossible inertia.
 
     Hence q = [position, quaternion xyzw, joint angles in tree order] and v = [linear, angular velocity of the trunk in
-    its own frame, joint velocities]. Link i of the tree is joint i + 1. Armature, damping, dry friction and limits are
-    set; every link is a BODY frame and every other frame of the robot an OP_FRAME, by their names.
+    its own frame, joint velocities]. Link i of the tree is joint i + 1. Rotor inertias are set, friction and limits are
+    not; every link is a BODY frame and every other frame of the robot an OP_FRAME, by their names.
     """
     tree, model = robot.tree, pin.Model()
     model.name = robot.name
@@ -38,7 +37,7 @@ def pinocchio_model(robot: Robot) -> Any:
         kind = pin.FrameType.BODY if name in tree.links else pin.FrameType.OP_FRAME
         placement = pin.SE3(np.array(frame.rotation), np.array(frame.translation))
         model.addFrame(pin.Frame(name, tree.links.index(frame.link) + 1, placement, kind), False)
-    _set_joint_values(robot, model)
+    model.armature = np.array([*[0.0] * 6, *(robot.dynamics[joint].armature for joint in tree.joints)])
     return model
 
 
@@ -46,15 +45,3 @@ def _joint_model(axis: Array) -> Any:
     aligned = {(1.0, 0.0, 0.0): pin.JointModelRX, (0.0, 1.0, 0.0): pin.JointModelRY, (0.0, 0.0, 1.0): pin.JointModelRZ}
     kind = aligned.get((float(axis[0]), float(axis[1]), float(axis[2])))
     return kind() if kind else pin.JointModelRevoluteUnaligned(np.array(axis))
-
-
-def _set_joint_values(robot: Robot, model: Any) -> None:
-    joints = robot.tree.joints
-    armature, viscous, coulomb, _ = np.array([astuple(robot.dynamics[joint]) for joint in joints]).T
-    lower, upper, velocity, effort = np.array([astuple(robot.limits[joint]) for joint in joints]).T
-    zero, free_q, free_v = np.zeros(6), np.full(7, np.inf), np.full(6, np.inf)
-    model.armature, model.damping = np.append(zero, armature), np.append(zero, viscous)
-    model.upperDryFrictionLimit, model.lowerDryFrictionLimit = np.append(zero, coulomb), np.append(zero, -coulomb)
-    model.upperPositionLimit, model.lowerPositionLimit = np.append(free_q, upper), np.append(-free_q, lower)
-    model.upperVelocityLimit, model.lowerVelocityLimit = np.append(free_v, velocity), np.append(-free_v, -velocity)
-    model.upperEffortLimit, model.lowerEffortLimit = np.append(free_v, effort), np.append(-free_v, -effort)
