@@ -30,10 +30,15 @@ def leg() -> tuple[JointTorqueRegressor, Prior]:
     return regressor, robot_prior(hyq(), regressor.columns)
 
 
+def estimated(
+    recording: Recording, cutoff: float | None = 25.0, search: LagSettings | None = None
+) -> tuple[float, float, float]:
+    stretches = list(preprocess_stream([recording], Preprocessing(cutoff), recording.joints))
+    return estimate_lag(stretches, [leg()], UP, search)
+
+
 def found(recording: Recording, cutoff: float | None = 25.0, search: LagSettings | None = None) -> float:
-    settings = Preprocessing(cutoff)
-    stretches = list(preprocess_stream([recording], settings, recording.joints))
-    return estimate_lag(stretches, [leg()], UP, search)[0]
+    return estimated(recording, cutoff, search)[0]
 
 
 @pytest.mark.parametrize("rate", [200.0, 1000.0])
@@ -61,14 +66,37 @@ def test_lag_under_noise(delay: float) -> None:
 def test_a_lag_is_looked_for_as_far_as_asked_and_taken_where_it_is_large_enough() -> None:
     recording = late(run(DRIVE, duration=10.0, rate=200.0), 0.021)
     assert found(recording, search=LagSettings(latest=0.01)) == pytest.approx(0.01)
-    stretches = list(preprocess_stream([recording], Preprocessing(25.0), recording.joints))
-    assert estimate_lag(stretches, [leg()], UP, LagSettings(latest=0.01))[1] == LagSettings().usual
+    assert estimated(recording, search=LagSettings(latest=0.01))[1] == LagSettings().usual
     assert found(recording, search=LagSettings(resolution=0.03)) == 0.0
 
 
 def test_a_lag_worth_nothing_is_none() -> None:
     """Where noise hides it, a lag is not made up."""
     assert found(noisy(run(DRIVE), effort=50.0)) == 0.0
+
+
+def test_a_lag_that_is_not_significant_is_none_and_in_the_deviation() -> None:
+    """As if the truth were as far from zero as the estimate."""
+    log = noisy(late(run(DRIVE, duration=4.0), 0.003), effort=1.0, position=1e-4, seed=1)
+    lag, std, ratio = estimated(log, search=LagSettings(significant=1e-9))
+    assert LagSettings().resolution < abs(lag) < LagSettings().significant * std
+    assert std < LagSettings().usual
+    assert ratio < 1.0
+    assert estimated(log) == (0.0, pytest.approx(np.hypot(std, lag)), 1.0)
+
+
+@pytest.mark.parametrize("cutoff", [6.0, 12.0])
+def test_a_reversal_that_the_filter_moves_is_no_lag(cutoff: float) -> None:
+    """Friction makes the velocity's slope steeper before a reversal than after; a filter that averages them is late."""
+    log = late(run(replace(DRIVE, coulomb=2.0), duration=10.0), -0.005)
+    assert found(log, cutoff) == pytest.approx(-0.005, abs=5e-4)
+
+
+def test_noise_of_the_encoders_does_not_pull_the_lag() -> None:
+    """That of q̈ makes a smaller inertia look better, and a lag turns viscous friction into one."""
+    logs = [noisy(late(run(DRIVE, duration=8.0), -0.005), effort=0.3, position=5e-4, seed=seed) for seed in range(4)]
+    lags = [identify(hyq(), log, IdentifySettings(legs=("RH",), split=1.0)).torque_lag for log in logs]
+    assert np.mean(lags) == pytest.approx(-0.005, abs=1e-3)
 
 
 @pytest.mark.parametrize("samples", [9, 30])
@@ -93,8 +121,7 @@ def test_the_lags_bar_holds_where_friction_is_not_the_models(seed: int) -> None:
     rate = np.gradient(recording.position, recording.time, axis=0)
     more = 0.4 * np.sin(3.0 * recording.position + np.arange(3)) * np.tanh(rate / 0.02)
     log = noisy(late(replace(recording, effort=recording.effort + more), 0.004), 0.2, position=1e-4)
-    stretches = list(preprocess_stream([log], Preprocessing(25.0), log.joints))
-    lag, std, _ = estimate_lag(stretches, [leg()], UP)
+    lag, std, _ = estimated(log)
     assert abs(lag - 0.004) < 3.0 * std
     assert std < LagSettings().usual
 

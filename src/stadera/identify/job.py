@@ -310,12 +310,10 @@ def _estimated_lag(
     cutoff: float | None,
     asked: IdentifySettings,
 ) -> tuple[float, float, tuple[str, ...]]:
-    """The lag [s], its standard deviation and a note on it, from unfiltered signals if the job does not filter, else at
-    a separate cut-off.
-    """
+    """The lag [s], its standard deviation and a note on it, from signals with the job's cut-off, or none."""
     recordings = [take(r, slice(0, max(2, round(asked.split * len(r))))) for r in beginnings]
     if cutoff is not None:
-        cutoff = min(asked.signals.lag_cutoff, *(highest_cutoff(r) for r in recordings))
+        cutoff = min(cutoff, asked.signals.lag_cutoff, *(highest_cutoff(r) for r in recordings))
     joints = tuple(joint for task in tasks for joint in task.leg.joints)
     stretches = [p for r in recordings for p in preprocess_stream([r], Preprocessing(cutoff), joints) if len(p)]
     search = asked.signals.lag

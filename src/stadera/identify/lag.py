@@ -11,9 +11,14 @@ identification: the 27 free columns of a hip explain what a wrong lag leaves in 
 signals low-passed at f_c, N counts 2 f_c independent samples a second. Y is factored once; the lags are right-hand
 sides of one least-squares problem.
 
-A joint's samples near standstill are excluded: while it sticks, static friction takes any value up to Coulomb's, and
-the torque changes sign where the velocity does not, which looks like a lag. Of several minima the one reached downhill
-from zero lag is used, since over long shifts one joint term can mimic another.
+Two errors of the rows pull the lag, both towards torques that act later. Friction brakes a joint before a reversal and
+holds it back after, so the slope before is steeper and a low-passed velocity changes its sign late, by
+T (a₁ - a₂) / (a₁ + a₂) with T = 0.09 / f_c; and while a joint sticks, static friction takes any value up to
+Coulomb's. So samples near standstill are excluded, as far to both sides as the filter reaches. The noise of q̈ makes a
+smaller inertia look better, and a lag δ makes -δ b q̈ of viscous friction b: the noise term (I - δ b)² σ_q̈² falls with
+δ. It grows with the fifth power of the cut-off (36 % of the variance of q̈ at 25 Hz, 5 % at 15 Hz, in the slow half of a
+real Go2's log), so the cut-off is no higher than the motion needs. Of several minima the one reached downhill from zero
+lag is used, since over long shifts one joint term can mimic another.
 
 The standard deviation of the lag is that of the likelihood, of curvature c, with what the model's errors do to it: a
 friction law that is not quite the drive's moves each joint's minimum, differently. With δ_(j) the lag without joint j
@@ -21,7 +26,7 @@ of n, the jackknife's variance (Tukey 1958) is added:
 
     σ² = 2 / c + (n - 1)/n Σ_j (δ_(j) - mean δ_(j))²,      c = N V''/V,  V = exp(cost / N)
 
-On a real Go2, Aliengo and Mini Cheetah in the air, which lag by 11 to 15 ms, it is 0.5 to 1.3 ms; a log of 4 s whose
+On a real Go2, Aliengo and Mini Cheetah in the air, which lag by 11 to 16 ms, it is 0.4 to 1.2 ms; a log of 4 s whose
 torques do not change fast leaves several ms, which as viscous friction are as large as the drive's own.
 """
 
@@ -104,15 +109,16 @@ def _delayed(
     delayed = np.stack([effort(stretch.time[inner] - lag) for lag in lags], axis=-1)
     rows = regressor.rows(joints, delayed[:, :, 0], TrunkMotion.held(up))
     for k, row in enumerate(rows):
-        slides = _slides_throughout(stretch.time[inner], joints.velocity[:, k], search)
+        slides = _slides_throughout(stretch.time[inner], joints.velocity[:, k], search, stretch.report.cutoff_hz)
         yield row.columns, np.column_stack((row.matrix, delayed[:, k]))[slides]
 
 
-def _slides_throughout(time: Array, velocity: Array, search: LagSettings) -> Bools:
-    """True where a joint slides throughout the interval of lags around the sample."""
+def _slides_throughout(time: Array, velocity: Array, search: LagSettings, cutoff_hz: float | None) -> Bools:
+    """True where a joint slides throughout the interval around the sample that the filter mixes."""
+    reach = 0.0 if cutoff_hz is None else search.reach / cutoff_hz
     slow = np.concatenate(([0], np.cumsum(np.abs(velocity) < search.sliding)))
-    first = np.searchsorted(time, time - search.latest)
-    last = np.searchsorted(time, time - search.earliest, side="right")
+    first = np.searchsorted(time, time - reach)
+    last = np.searchsorted(time, time + reach, side="right")
     return np.asarray(slow[last] == slow[first])
 
 

@@ -51,21 +51,25 @@ class TrustSettings:
 class LagSettings:
     """Settings for estimating the torques' lag, see `stadera.identify.lag`."""
 
-    # earliest, latest: ends of the search [s]. Real Go2 and Aliengo: 10 to 15 ms.
-    earliest: float = -0.010
+    # earliest, latest: ends of the search [s]. Commands of a real Go2 and Aliengo: 10 to 16 ms; measured torques may be
+    # written down late.
+    earliest: float = -0.020
     latest: float = 0.040
     usual: float = 0.015  # standard deviation of lags before the log tells [s]: those real ones
     step: float = 0.0025  # of the search [s]; a parabola interpolates the lag between steps
     significant: float = 2.0  # standard deviations below which a lag is not significant [1]
     resolution: float = 5e-4  # smaller lags are ignored [s], since deviations of friction from its model can cause them
     sliding: float = 0.1  # velocity above which a joint slides [rad/s]
+    # time around a sample within which the joint must slide, times the cut-off [1]: further away a filtered step has
+    # settled to 5 %
+    reach: float = 0.6
     # standard deviation of what remains of the lag [s], which each part of a log tells besides: halves of the real Go2,
-    # Aliengo and Mini Cheetah in the air differ by 3.3, 0.3 and 1.0 ms
+    # Aliengo and of a Mini Cheetah (twice) in the air differ by 6.2, 0.6, 0.3 and 0.3 ms, by √2 times what one is off
     remains: float = 0.0025
 
     def __post_init__(self) -> None:
         require_positive(
-            "lag setting", self, ("latest", "usual", "step", "significant", "resolution", "sliding", "remains")
+            "lag setting", self, ("latest", "usual", "step", "significant", "resolution", "sliding", "reach", "remains")
         )
         if not -1.0 <= self.earliest <= 0.0:
             raise IdentificationError(f"lag setting 'earliest' lies between -1 and 0 s, got {self.earliest}")
@@ -77,7 +81,7 @@ class SignalSettings:
 
     # lowest cut-off chosen for signals [Hz]; a lower one would smear the steps of Coulomb friction into other effects
     lowest_cutoff: float = 15.0
-    lag_cutoff: float = 25.0  # cut-off for estimating the torque lag [Hz], which shows best in fast changes
+    lag_cutoff: float = 25.0  # highest cut-off for estimating the torque lag [Hz], see `stadera.identify.lag`
     # cut-off of a part as a share of the log's highest one; sampling rates vary where samples are lost
     any_part: float = 0.98
     # the paper's limit [rad/s]; the velocity of a slower joint does not determine its friction

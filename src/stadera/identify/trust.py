@@ -51,7 +51,7 @@ def trust_in(
 def _explained(fits: Sequence[_LegFit], settings: TrustSettings) -> tuple[bool, tuple[str, ...]]:
     """Whether the model fails to explain the torques altogether, and where it explains them poorly."""
     loud = {joint: misfit for fit in fits for joint, misfit in fit.misfits.items() if misfit > settings.doubtful}
-    signs = [reason for fit in fits if loud.keys() & fit.stated for reason in fit.reversed(settings.reversed_gain)]
+    signs = [reason for fit in fits for reason in fit.reversed(settings.reversed_gain)]
     if signs:
         return True, (*signs, *map(_loud, loud, loud.values()))
     if not any(misfit > settings.bad for misfit in loud.values()):
