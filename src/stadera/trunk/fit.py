@@ -219,7 +219,8 @@ class ModelFit:
         """Verdict and misfit."""
         if self.fit is None or self.swing_misfit is None:
             return "doubtful", 1.0
-        return self.fit.verdict(self._settings, self.swing_misfit, self.swing.stepped), self.fit.misfit
+        verdict = self.fit.verdict(self._settings, self.swing_misfit, self.swing.stepped)
+        return "doubtful" if verdict == "good" and self._turned else verdict, self.fit.misfit
 
     @property
     def trust(self) -> Trust:
@@ -231,7 +232,17 @@ class ModelFit:
                 self._trust = self.fit.trust(
                     self._robot, self.model, self._settings, self.swing_misfit, self.swing.stepped
                 )
+                if self._turned:
+                    text = f"the IMU would be turned by {np.degrees(self._turned):.1f}°, more than the bars allow for"
+                    alike = "a torque is off all the time, or something pushes or pulls the robot"
+                    self._trust = self._trust.at_most("doubtful", f"{text}; if it is not, {alike}")
         return self._trust
+
+    @property
+    def _turned(self) -> float:
+        """Turn of the IMU about one axis [rad] if it is beyond its prior, on which the trunk's bars rely; else zero."""
+        turn = float(np.abs(self.errors.mean[self.model.layout.places["imu_rotation"]]).max())
+        return turn if turn > self._settings.turned * self._settings.model.imu_rotation else 0.0
 
 
 def _without(products: Array, errors: Array, joints: slice) -> Array:

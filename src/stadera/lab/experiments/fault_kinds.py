@@ -251,6 +251,7 @@ def _larger(robot: Robot, by: float = 1.15) -> Robot:
 
 _SIDES, _ENDS, _DIAGONAL = _legs((0, 1), (2, 3)), _legs((0, 2), (1, 3)), _legs((0, 3))
 _MIRROR = "sides swapped on a robot that stands symmetrically are the mirror image of its load, and nothing moves"
+_ALL_LARGER = "legs that are larger all over carry another weight by the same torques and move alike"
 _COMMON = "a common factor of all torques, or of the accelerometer, is the same as another weight"
 
 SIGNAL_FAULTS: Mapping[str, Fault] = MappingProxyType(
@@ -324,7 +325,7 @@ SIGNAL_FAULTS: Mapping[str, Fault] = MappingProxyType(
         "one encoder 10° off in an arm": _joint("position", _offset(np.radians(10.0)), _one_of_arms, group="arms"),
         "arms not in the log": Fault("arms", _without_arms),
         "model without arms": Fault("model", lambda log, *_: log, model=_armless),
-        "model of legs 15 % larger": Fault("model", lambda log, *_: log, model=_larger),
+        "model of legs 15 % larger": Fault("model", lambda log, *_: log, _ALL_LARGER, model=_larger),
     }
 )
 """By name."""
