@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import fields, replace
 from functools import cache
 
 import numpy as np
 import pytest
 
 from layout import ERRORS, LAYOUT, PLACES, rows_of
+from stadera.lab.plant.sensors import STANDARD
 from stadera.robot import load_robot
 from stadera.robot.imu import ImuMount
+from stadera.trunk import TrunkEstimator
 from stadera.trunk.error_model import ErrorModel
 from stadera.trunk.fit import Fit
 from stadera.trunk.joint_errors import Errors
@@ -21,7 +24,7 @@ from stadera.trunk.settings import ModelErrors, SwingDetection, TrunkSettings
 from stadera.trunk.sizes import Sizes
 from stadera.trunk.swing import SwingJoints
 from stadera.trunk.window import window_of
-from walking import Walk, walked
+from walking import Walk, recorded, walked
 
 RATE, BLOCK = 500.0, 10
 STAND = Walk(seconds=1.0, rate_hz=RATE, speed=0.0, period=0.0, tilt=0.0, sway=0.0)
@@ -111,3 +114,16 @@ def test_sampling_errors_that_resemble_late_torques_leave_no_negative_energy() -
     errors = Errors(model, swing, None, summed)
     assert abs(errors.covariance[places[0], places[2]]) > 0.3 * np.prod(errors.std[[places[0], places[2]]])
     assert Fit.of(summed, errors).misfit >= 0.0
+
+
+@pytest.mark.parametrize("name", [size.name for size in fields(ModelErrors)])
+def test_an_error_that_is_taken_to_be_none_explains_nothing(name: str) -> None:
+    """With feet a quarter of a leg off in the model, so that much is left to explain."""
+    motion, settings = walked(ROBOT, WALK), TrunkSettings(model=replace(ModelErrors(), **{name: 0.0}))
+    moved = [replace(leg, foot_position=tuple(np.add(leg.foot_position, [0.0, 0.0, 0.2]))) for leg in ROBOT.legs]
+    wrong = replace(ROBOT, legs=tuple(moved))
+    estimator = TrunkEstimator(wrong, settings=settings)
+    estimator.add(Samples.of_recording(recorded(ROBOT, motion, STANDARD), wrong))
+    assert estimator.trust.misfit > settings.doubtful
+    assert "the residual is" in estimator.trust.reasons[0]
+    assert 0.0 < estimator.trunk.mass_std < ROBOT.mass

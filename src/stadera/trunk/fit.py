@@ -156,8 +156,8 @@ class Fit:
         inside = slice(place.start + 1, place.stop + 1)
         along, normal = self.remainder[inside, 0], self.remainder[inside, inside]
         level = max(float(self.remainder[0, 0]), 1e-300)
-        prior = np.linalg.inv(most**2 * errors.covariance[place, place])
-        return float(along @ np.linalg.solve(normal + prior, along)) / level
+        prior = most**2 * errors.covariance[place, place]  # singular where an error is taken to be none
+        return float(along @ prior @ np.linalg.solve(normal @ prior + np.eye(len(prior)), along)) / level
 
 
 class ModelFit:

@@ -206,8 +206,12 @@ class Errors:
         Args:
             alike: correlation of static friction in both [1].
         """
+        return self._between(first, second, alike, self.of_rows(first) + self.of_rows(second))
+
+    def _between(self, first: Segment | Told, second: Segment | Told, alike: float, own: Array) -> Array:
+        """See `difference_covariance`; `own` (10, 10) of what the two do not share."""
         difference = second.sensitivity - first.sensitivity
-        total = self.of_rows(first) + self.of_rows(second) + difference @ self.lasting @ difference.T
+        total = own + difference @ self.lasting @ difference.T
         parts = (difference, alike), (first.sensitivity, 1.0 - alike), (second.sensitivity, 1.0 - alike)
         for place, own in self._changing:
             for K, share in parts:
@@ -215,7 +219,8 @@ class Errors:
         return np.asarray(0.5 * (total + total.T))
 
     def of_rows(self, segment: Segment | Told, scatter: float = 1.0) -> Array:
-        """Covariance (10, 10) due to the rows' scatter, and to offsets that are others under another load.
+        """Covariance (10, 10) of a segment's own errors: the rows' scatter, offsets that are others under another load,
+        and how far the estimate has moved under one and the same load.
 
         Args:
             scatter: variance of the rows, in their unit [1]. Of a trunk and of a load in a hand it is `scatter`. In the
@@ -223,8 +228,30 @@ class Errors:
                 With the rows' unit for what is left places of payloads are 0.8 to 1.1 standard deviations off (rms,
                 second plant).
         """
-        P, drifted = segment.inverse @ segment.inverse.T, segment.sensitivity[:, self._offsets] * self._drift
-        return np.asarray(scatter * P + drifted @ drifted.T)
+        drifted = segment.sensitivity[:, self._offsets] * self._drift
+        out = scatter * segment.inverse @ segment.inverse.T + drifted @ drifted.T
+        if isinstance(segment, Segment) and (earlier := segment.earlier) is not None:
+            out += self._moved(earlier, segment)
+        return np.asarray(out)
+
+    def _moved(self, earlier: Segment, now: Segment) -> Array:
+        """Variance (10, 10) between parts of a log, which bars of each do not contain: friction that goes with the
+        gait, drives that warm up. With d the difference from the estimate by the first part, and χ² of its mass and
+        first moments, it is
+
+            d dᵀ (1 - 4 / χ²)      where χ² is above its mean of 4, else 0
+
+        as estimated by moments (DerSimonian, Laird, Meta-analysis in clinical trials, Control. Clin. Trials 7 (1986)
+        177). Without it the places of payloads in twelve simulated trots are 1.4 standard deviations off (rms), their
+        masses 1.4; with it 0.9 and 1.0.
+        """
+        moved = now.mean(self.mean) - earlier.mean(self.mean)
+        rows = sum(each.inverse @ each.inverse.T for each in (earlier, now))
+        covariance = self._between(earlier, now, self.alike(now), np.asarray(rows))[:4, :4]
+        size = np.sqrt(np.diagonal(covariance))
+        ratio = moved[:4] / size
+        square = float(ratio @ np.linalg.solve(covariance / np.outer(size, size), ratio))
+        return np.outer(moved, moved) * max(1.0 - 4.0 / max(square, 1e-9), 0.0)
 
     def energies(self, products: Array) -> tuple[float, float]:
         """How the expected energy of the residual splits: that of the sampling error e, and of all others tr D Σ'. With

@@ -54,6 +54,7 @@ _OF_LIMBS = 2  # place of their remainder, after those of blocks at rest and in 
 # of two rests with different friction, assumed. With 0.5 places of payloads in 22 simulated crawls are 1.5 standard
 # deviations off (rms), with 0.7 at most 1.1; with one bars of masses are a quarter wider
 _DEVIATION = 0.7
+_FIRST_MARK = 25  # blocks: half a second, as long as a step
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,6 +109,7 @@ class Segment:
         louder: variance of the trunk's rows in their unit [1]; that of the limbs' is one.
         held: where a load is that the trunk does not contain, and the trunk without it; None if there is none.
         slid: (2, joints), joints that have slid forward, and backward, since the first row.
+        marks: what was known at two earlier blocks, see `earlier`.
     """
 
     layout: ErrorLayout
@@ -123,6 +125,7 @@ class Segment:
     limbs: Array = field(default_factory=lambda: np.zeros((0, 0)))
     limb_count: float = 0.0
     louder: float = 1.0
+    marks: tuple[Segment, ...] = ()
     _last: list[tuple[Segment, float, tuple[tuple[int, Array], ...]]] = field(default_factory=list, repr=False)
 
     @classmethod
@@ -168,8 +171,20 @@ class Segment:
             limbs,
             limb_count,
             self.louder if louder is None else louder,
+            self._marked(),
             [(self, keep, left)] if remainder else [],
         )
+
+    def _marked(self) -> tuple[Segment, ...]:
+        """The marks of the next block: the last two that doubled the number of blocks."""
+        if self.blocks < (2 * self.marks[-1].blocks if self.marks else _FIRST_MARK):
+            return self.marks
+        return (*self.marks[-1:], replace(self, marks=(), _last=[]))
+
+    @property
+    def earlier(self) -> Segment | None:
+        """The estimate by the first quarter to half of the blocks; None where these are too few."""
+        return self.marks[0].with_load(self.held) if len(self.marks) == 2 else None
 
     def felt(self, rows: WeightedRows) -> WeightedRows:
         """The rows without what friction may hide in them, see the module's text. While a robot has only stood all are
