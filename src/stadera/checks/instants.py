@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
@@ -39,6 +39,7 @@ class Instants:
     # same axes; None without one
     vertical: Array | None = None
     turning: Array | None = None
+    lever: Array = field(default_factory=lambda: np.zeros(3))  # (3,) [m], of the IMU, trunk frame
 
     def __len__(self) -> int:
         return len(self.time)
@@ -85,6 +86,7 @@ class Instants:
             effort=mean(effort[:, chosen]),
             velocity=None if recording.velocity is None else mean(recording.velocity[:, chosen]),
             **{name: values @ turn for name, values in vectors.items()},
+            lever=np.zeros(3) if mount is None else mount.translation,
         )
 
     @property
@@ -99,7 +101,7 @@ class Instants:
 
     def at(self, rows: NDArray[np.int64]) -> Instants:
         """A selection of the instants."""
-        values = {f.name: getattr(self, f.name) for f in fields(self) if f.name != "joints"}
+        values = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in ("joints", "lever")}
         return replace(self, **{name: v[rows] for name, v in values.items() if v is not None})
 
     def after(self, mend: Mend) -> Instants:

@@ -53,7 +53,7 @@ from stadera.checks.limits import CheckLimits
 from stadera.checks.residual import Footing
 from stadera.inertia import skews
 from stadera.logs.mend import Mend
-from stadera.trunk.error_model import ErrorModel
+from stadera.trunk.error_model import QUIETEST, ErrorModel
 from stadera.trunk.settings import ModelErrors
 from stadera.trunk.wrench import TRUNK_MAP, trunk_signals, wrench_of_specific_force
 from stadera.types import Array
@@ -84,7 +84,7 @@ class TrunkRows:
         robot, b, body, length = footing.robot, footing.blocks, footing.body, footing.robot.leg_length
         if not b.complete or b.angular_velocity is None:
             return None
-        omega, alpha, a = b.angular_velocity, b.slopes(b.angular_velocity), footing.specific_force
+        omega, alpha, a = b.angular_velocity, b.slopes(b.angular_velocity), footing.at_origin
         motion = Motion(b.position, b.rate, b.slopes(b.rate), omega, alpha, a, footing.up)
         shifts = np.zeros((body.most, len(body.joints)))
         for leg in body.legs:
@@ -176,7 +176,7 @@ class Likelihood:
         """From the products of b and C, (1 + p, 1 + p), over `count` rows, of which `repeated` share an error."""
         value, vector = np.linalg.eigh(products[1:, 1:])
         value, along = np.maximum(value, 0.0), (vector.T @ products[1:, 0]) ** 2
-        scales = 10.0 ** np.arange(-3.0, 3.0625, 0.125)  # s², in rows of 1 % of the weight
+        scales = QUIETEST * 10.0 ** np.arange(0.0, 4.0, 0.125)  # s², in rows of 1 % of the weight
         k = repeated * scales[:, None]
         squares = (products[0, 0] - (along / (k + value)).sum(axis=1)) / k[:, 0]
         costs = squares + count / repeated * np.log(scales) + np.log1p(value / k).sum(axis=1)
