@@ -25,7 +25,7 @@ from stadera.report.numbers import short
 
 FOLDER = Path(__file__).parent
 REPLAYS = ("replay_go2", "replay_go2_commands", "replay_aliengo", "replay_aliengo_commands")
-STUDIES = ("reality_table", "ablation", "mini_cheetah", "faults", "humanoids", "identified", "alarms")
+STUDIES = ("reality_table", "ablation", "mini_cheetah", "faults", "faults_arms", "humanoids", "identified", "alarms")
 PAGES = sorted((FOLDER / "validation").glob("*.md"))
 RESULTS = FOLDER / "results"
 Record = dict[str, Any]
@@ -44,6 +44,8 @@ COMMANDS = {
     "humanoids": "stadera reproduce humanoids --quick --seed 1 --json docs/results/humanoids.json",
     "identified": "stadera reproduce identified --quick --json docs/results/identified.json",
     "faults": "stadera reproduce faults --seeds 1 --json docs/results/faults.json",
+    "faults_arms": "stadera reproduce faults --robots b1_z1,g1,talos --seeds 1 --seed 1 --json "
+    "docs/results/faults_arms.json",
     "replay_go2": "stadera replay go2_legs_in_air --robot go2.json --against go2 --json docs/results/replay_go2.json",
 }
 """What makes a run's JSON, where it is not `stadera reproduce NAME`."""
@@ -165,7 +167,7 @@ def tables(name: str, records: list[Record]) -> Iterator[str]:
         yield crossed(shown, case("errors", "motion"), case("metric"), "errors, motion")
     elif name == "humanoids":
         yield crossed(records, case("load", "errors"), case("metric"), "load, errors")
-    elif name == "faults":
+    elif name.startswith("faults"):
         yield crossed(records, case(*records[0]["case"]), case("metric"), "fault")
     else:
         (key,) = records[0]["case"]
