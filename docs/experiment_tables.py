@@ -38,7 +38,7 @@ COMMANDS = {
     "demo": "for N in $(seq 0 19); do stadera demo --seed $N --json demo-$N.json; done",
     "peers": "python benchmarks/peers.py --json docs/results/peers.json",
     "ablation": "python benchmarks/ablation.py LOGS --seed 7100 --walks FOLDER",
-    "reality_table": "stadera reproduce reality --seed 970 --seeds 1 --json reality.json\n"
+    "reality_table": "stadera reproduce reality --seed 971 --seeds 1 --json reality.json\n"
     "    python docs/experiment_tables.py reality.json",
     "mini_cheetah": "stadera reproduce mini_cheetah FOLDER --json docs/results/mini_cheetah.json",
     "humanoids": "stadera reproduce humanoids --quick --seed 1 --json docs/results/humanoids.json",
