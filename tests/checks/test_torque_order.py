@@ -112,16 +112,36 @@ def test_a_torque_that_jumps_is_named_with_its_time(name: str, scenario: str, se
     assert finding.cause == "torque_step"
     assert "or something pushes" in finding.message
     assert repr(joint) in finding.message
-    when = re.search(r"at about ([\d.]+) s", finding.message)
+    when = re.search(r"at about ([\d.]+) s", finding.said(log.time[0]))
     assert when is not None
     assert float(when[1]) == pytest.approx(3.0, abs=0.5)
     if finding.message.startswith(f"the torque of {joint!r}"):  # another joint may explain it as well
         size = re.search(r"jumps by (-?[\d.]+) N", finding.message)
         assert size is not None
         assert 0.5 < float(size[1]) / (0.1 * robot.limits[joint].effort) < 2.0
-    found = weigh(robot, replace(log, effort=effort), (0.0, 2.9), force=True)
+    found = weigh(robot, replace(log, time=log.time + 1.7e9, effort=effort), (0.0, 2.9), force=True)
     assert found.trust.verdict != "good"
     assert any(joint in reason for reason in found.trust.reasons)
+    times = [float(each) for reason in found.trust.reasons for each in re.findall(r"at about ([\d.]+) s", reason)]
+    assert times == [pytest.approx(3.0, abs=0.5)]
+
+
+def test_the_joint_that_is_off_all_the_time_is_named_not_one_that_is_for_a_while(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Where the first shows least, another one seems to be further off, as it does nowhere else."""
+    footing = footing_of(log_of("go2", "shake", 12), "go2", CheckLimits())
+    starts = [span.start for span, _ in torques._spans(footing)]
+
+    def tested(_: object, __: object, span: slice, ___: int) -> tuple[np.ndarray, np.ndarray]:
+        squares = np.full((2, 12), -np.inf)
+        squares[1, [0, 5]] = (50.0, 90.0) if span.start == starts[1] else (60.0, -np.inf)
+        return squares, np.full((2, 12), 0.2)
+
+    monkeypatch.setattr(torques, "_tested", tested)
+    found = torque_step(footing)
+    assert found is not None
+    assert f"the torque of {load_robot('go2').legs[0].joints[0]!r} is" in found[0].message
 
 
 @pytest.mark.parametrize(("name", "scenario", "seed"), [("hyq", "crawl", 13), ("anymal_c", "crawl", 13)])

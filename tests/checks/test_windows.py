@@ -14,7 +14,7 @@ from stadera.errors import UntrustedError
 from stadera.lab.experiments.fault_kinds import SIGNAL_FAULTS
 from stadera.lab.scenarios.catalog import SimulateSettings
 from stadera.lab.scenarios.run import simulate
-from stadera.logs import Recording
+from stadera.logs import Recording, take
 from stadera.robot import Robot, load_robot
 from stadera.weigh.weigh import weigh
 
@@ -136,6 +136,17 @@ def test_a_few_wild_samples_contradict_nothing(name: str) -> None:
     clean, bad = weigh(go2, log), weigh(go2, spoilt(log, go2, name))
     assert [note[:8] for note in bad.notes if note not in clean.notes] == ["left out"]
     assert bad.mass == pytest.approx(clean.mass, abs=0.5 * clean.mass_std)
+
+
+def test_a_gap_is_told_of_a_log_from_which_samples_are_left_out_too() -> None:
+    go2 = load_robot("go2")
+    log = simulate(go2, "shake", SimulateSettings("standard", duration=5.0, seed=3, hold=2)).recording
+    bad = spoilt(log, go2, "five samples of 1e4 N·m")
+    lost = np.ones(len(bad), dtype=bool)
+    lost[len(bad) // 10 : len(bad) // 8] = False
+    notes = weigh(go2, take(bad, lost)).notes
+    assert any(note.startswith("left out") for note in notes)
+    assert [note[:14] for note in notes if note.startswith("dropout")] == ["dropout: 1 gap"]
 
 
 def test_a_drive_at_its_own_limit_is_not_clipped(hyq: Robot, trot: Recording) -> None:

@@ -36,6 +36,7 @@ class Finding:
     spans: tuple[
         tuple[float, float], ...
     ] = ()  # begin and end of each part of the log that has it [s]; none: all of it
+    at: float | None = None  # about when it begins [s]; None if that is not known
     lasting: bool = False  # True if it affects everything after it, by a change of geometry that error bars cover
 
     @property
@@ -57,6 +58,8 @@ class Finding:
         if self.spans:
             begin, end = self.spans[0][0] - since, self.spans[-1][1] - since
             when = f", {'from' if len(self.spans) > 1 else 'at'} {begin:.2f} to {end:.2f} s"
+        elif self.at is not None:
+            when = f", at about {self.at - since:.1f} s"
         return f"{self.message}{when}{self.remedy}"
 
     def __str__(self) -> str:

@@ -218,8 +218,8 @@ def gyro_findings(blocks: Instants, limits: CheckLimits) -> Iterator[Finding]:
         )
 
 
-def sensor_findings(recording: Recording, limits: CheckLimits) -> Iterator[Finding]:
-    """Finds gaps in time, torques that are zero, and signals that repeat bit for bit for a while but not elsewhere."""
+def dropouts(recording: Recording) -> Iterator[Finding]:
+    """Finds gaps in time."""
     steps = np.diff(recording.time)
     wide = np.flatnonzero(steps > GAP_FACTOR * np.median(steps)) if len(steps) else np.empty(0, dtype=np.int64)
     if len(wide):
@@ -230,6 +230,11 @@ def sensor_findings(recording: Recording, limits: CheckLimits) -> Iterator[Findi
             f"{steps[wide].sum():.3g} s altogether, the longest {steps[longest]:.3g} s at "
             f"{recording.time[longest] - recording.time[0]:.3f} s: sensors or the logger dropped out",
         )
+
+
+def sensor_findings(recording: Recording, limits: CheckLimits) -> Iterator[Finding]:
+    """Finds gaps in time, torques that are zero, and signals that repeat bit for bit for a while but not elsewhere."""
+    yield from dropouts(recording)
     if recording.effort is not None:
         silent = [j for j, values in zip(recording.joints, recording.effort.T, strict=True) if not values.any()]
         if silent:

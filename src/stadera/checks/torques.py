@@ -256,10 +256,10 @@ def torque_step(footing: Footing) -> tuple[Finding, float] | None:
     tested = [_tested(rows, recorded, *span) for span in spans]
     # a load that comes at another time than is tested looks like an offset; what is there all the time shows in all
     steps, offsets = np.array([squares for squares, _ in tested]).swapaxes(0, 1)
-    k, kind = int(np.argmax(steps.max(axis=1))), 0
-    if offsets.min(axis=0).max() > steps.max():
-        k, kind = int(np.argmin(offsets[:, np.argmax(offsets.min(axis=0))])), 1
-    squares, sizes = (values[kind] for values in tested[k])
+    k, kind, lasting = int(np.argmax(steps.max(axis=1))), 0, offsets.min(axis=0)
+    if lasting.max() > steps.max():
+        k, kind = int(np.argmin(offsets[:, np.argmax(lasting)])), 1
+    squares, sizes = lasting if kind else steps[k], tested[k][1][kind]
     (span, at), best = spans[k], int(np.argmax(squares))
     alike = [j for j in np.argsort(-squares) if squares[j] > squares[best] - limits.step_alike]
     if squares[best] < least or len(alike) > limits.step_alike_most:
@@ -267,14 +267,12 @@ def torque_step(footing: Footing) -> tuple[Finding, float] | None:
     names = [joint for leg in footing.robot.legs for joint in leg.joints]
     joints, size = " or ".join(repr(names[j]) for j in alike[:3]), sizes[best] * rows.limit[best]
     z = float(squares[best]) + _needed(footing, span, at)
-    how, since = (f"jumps by {size:.3g} N·m at about {time[span.start + at]:.1f} s", "since then")
-    if kind:
-        how, since = f"is {size:.3g} N·m off all the time", "all the time"
+    how, since = ("is {:.3g} N·m off all the time", "all the time") if kind else ("jumps by {:.3g} N·m", "since then")
     text = (
-        f"the torque of {joints} {how}, which neither the motion nor a load explains ({np.sqrt(z):.1f} standard "
-        f"deviations); or something pushes or pulls the robot {since}, which looks alike"
+        f"the torque of {joints} {how.format(size)}, which neither the motion nor a load explains ({np.sqrt(z):.1f} "
+        f"standard deviations); or something pushes or pulls the robot {since}, which looks alike"
     )
-    return Finding("torque_step", text), z
+    return Finding("torque_step", text, at=None if kind else float(time[span.start + at])), z
 
 
 def _spans(footing: Footing) -> Iterator[tuple[slice, int]]:

@@ -15,6 +15,7 @@ from itertools import chain
 import numpy as np
 
 from stadera.checks import FATAL, Finding, contradictions, diagnose
+from stadera.checks.signals import dropouts
 from stadera.checks.windows import window_faults, with_verdicts
 from stadera.errors import RecordingError, UntrustedError
 from stadera.logs import Recording, stream, take
@@ -103,6 +104,8 @@ class CheckedLog:
             checked = self._used(with_velocity(chunk))
             self.notes |= dict.fromkeys(checked.notes)
             self.doubts |= {("doubtful", doubt): None for doubt in checked.doubts}
+            for gap in dropouts(chunk):
+                self._note(gap)
             if self.event is not None:
                 self.event = replace(self.event, end=self.end)
             elif not len(checked):
@@ -145,11 +148,11 @@ class CheckedLog:
         self._sound = self._sound or not wrong
         self._skip([finding for finding in findings if finding.spans], duration)
         for finding in findings:
-            if not finding.spans and not (finding.cause == "dropout" and self.left_out):  # the gap may be of these
+            if not finding.spans and finding.cause != "dropout":  # some gaps are of what is left out
                 self._note(finding)
 
     def _note(self, finding: Finding) -> None:
-        text = f"{finding.cause.replace('_', ' ')}: {finding}"
+        text = f"{finding.cause.replace('_', ' ')}: {finding.said(self.begin)}"
         if finding.cause in FATAL:
             if not self._force:
                 raise UntrustedError(f"{self.source.source}: {finding}")
