@@ -80,14 +80,14 @@ def test_what_holds_a_joint_that_has_slid_is_its_mean_at_standstill_and_a_part_t
     C = columns[:, 11:]
     C[:, place["offset"]], C[:, place["stiction"]] = -E, E * lifts * rests
     C[:, place["standstill"]] = -E * ~rests
-    rows = WeightedRows(0.0, columns, 1.0, hidden=np.zeros((6, 12)))
+    rows = WeightedRows(0.0, columns, 1.0, hidden=np.zeros((6, 12)), rests=0.6)
     p = np.zeros(ERRORS)
     p[place["stiction"]], p[place["standstill"]] = -lifts * torque * rests, torque * ~rests
     assert empty().felt(rows).errors @ p == pytest.approx(-E @ torque)
     free = replace(empty(), slid=np.ones((2, 12), dtype=bool)).felt(rows).errors
     p[place["stiction"]], p[place["standstill"]] = 0.0, torque
     assert free @ p == pytest.approx(-E @ torque)
-    assert free[:, place["stiction"]] == pytest.approx(0.7 * C[:, place["stiction"]])
+    assert free[:, place["stiction"]] == pytest.approx(0.6 * C[:, place["stiction"]])
 
 
 def test_a_robot_that_has_only_stood_is_weighed_by_all_its_rows_alike() -> None:
@@ -121,4 +121,6 @@ def test_what_friction_hides_is_that_of_a_joint_at_rest_or_at_standstill() -> No
     swing = SwingRows(np.zeros(12, dtype=bool), *[np.empty((0, 0))] * 4, slides=np.zeros((2, 12), dtype=bool))
     made = BlockRows(0.0, 0.02, columns, np.ones(6), swing, np.zeros(12))
     unit, std = np.arange(1.0, 7.0), np.linspace(0.1, 1.0, 12)
-    assert weighted(made, unit, static=(holding, std)).hidden == pytest.approx(std / unit[:, None])
+    rows = weighted(made, unit, static=(holding, std, 0.4))
+    assert rows.hidden == pytest.approx(std / unit[:, None])
+    assert rows.rests == 0.4

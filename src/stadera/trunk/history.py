@@ -127,9 +127,10 @@ class History:
         few = robot.unfelt_std[list(layout.unfelt)]
         self._unfelt = (layout.places["unfelt"], few) if len(few) else None
         self._friction = None if friction is None else (layout.places["offset"], friction)
-        holding = layout.places["stiction"], layout.places["standstill"]
-        alike = settings.outliers.held == 1.0  # whether joints slide or not
-        self._static = None if static is None or alike else (holding, sqrt(settings.swing.repeated) * static)
+        self._static = None
+        if static is not None and settings.outliers.held < 1.0:  # else all count, whether joints slide or not
+            holding = layout.places["stiction"], layout.places["standstill"]
+            self._static = holding, sqrt(settings.swing.repeated) * static, sizes.rests
         self.blocks = 0
         self.recent: deque[WeightedRows] = deque()
         self._known = deque([Segment.prior(prior, self._wide, layout, places)])  # before each of `recent`, and with all

@@ -29,7 +29,7 @@ friction of all others may do to a block's rows, one standard deviation of it, a
     rows ← (1 + n H Hᵀ)^-1/2 rows
 
 Its friction at rest is another one each time: a mean, as of any joint at standstill, and a deviation from it, whose
-mean over some rests is `_DEVIATION` of what holds a joint that has not moved.
+mean over some rests is `ModelErrors.rests` of what holds a joint that has not moved.
 """
 
 from __future__ import annotations
@@ -51,9 +51,6 @@ from stadera.trunk.placed import Held, Told, TrunkAndLoad, folded, told
 from stadera.types import Array, Bools
 
 _OF_LIMBS = 2  # place of their remainder, after those of blocks at rest and in motion
-# of two rests with different friction, assumed. With 0.5 places of payloads in 22 simulated crawls are 1.5 standard
-# deviations off (rms), with 0.7 at most 1.1; with one bars of masses are a quarter wider
-_DEVIATION = 0.7
 _FIRST_MARK = 25  # blocks: half a second, as long as a step
 
 
@@ -70,6 +67,7 @@ class WeightedRows(Equations):
         share: of the six rows that friction does not hide [1].
         slides: (2, joints), joints that slide forward, and backward.
         hidden: (6, joints), √n H of the module's text; None if it is taken into account.
+        rests: see `ModelErrors`.
         stepping: a foot moves relative to the others.
     """
 
@@ -80,6 +78,7 @@ class WeightedRows(Equations):
     share: float = 1.0
     slides: Bools = field(default_factory=lambda: np.ones((2, 1), dtype=bool))
     hidden: Array | None = None
+    rests: float = 1.0
     stepping: bool = False
     limbs: Array | None = None
     limb_weight: float = 1.0
@@ -198,7 +197,7 @@ class Segment:
             C, place = columns[:, 11:], self.layout.places
             lifts = np.sign(columns[:3, 0] @ C[:3, place["offset"]])  # the sign of `stiction`, see `stadera.trunk.rows`
             C[:, place["standstill"]] -= free * lifts * C[:, place["stiction"]]
-            C[:, place["stiction"]] *= np.where(free, _DEVIATION, 1.0)
+            C[:, place["stiction"]] *= np.where(free, rows.rests, 1.0)
         felt = discounted(np.hstack([columns, np.eye(6)]), rows.hidden * ~free)
         share = float((felt[:, -6:] ** 2).sum()) / 6.0
         return replace(rows, columns=felt[:, :-6], share=share, hidden=None)
@@ -379,7 +378,7 @@ def weighted(
     of_limbs: Array | None = None,
     unfelt: tuple[slice, Array] | None = None,
     friction: tuple[slice, Array] | None = None,
-    static: tuple[Sequence[slice], Array] | None = None,
+    static: tuple[Sequence[slice], Array, float] | None = None,
 ) -> WeightedRows:
     """Scales rows to their `unit_of_rows`, and those of the limbs to theirs.
 
@@ -389,7 +388,7 @@ def weighted(
         friction: places of errors of the joints' torques, and standard deviations of the friction of joints that hardly
             move [N·m], of whichever direction: it counts as white noise.
         static: places of errors by static friction, of which each joint has one, and their standard deviations [N·m],
-            times the root of the number of rows that share them.
+            times the root of the number of rows that share them; `ModelErrors.rests`.
     """
     white, columns = float(rows.white @ unit**-2.0), rows.columns / unit[:, None]
     if unfelt is not None:
@@ -408,6 +407,7 @@ def weighted(
         white,
         slides=rows.swing.slides,
         hidden=held,
+        rests=1.0 if static is None else static[2],
         stepping=rows.swing.stepping,
         limbs=limbs,
     )
