@@ -7,16 +7,18 @@ import xml.etree.ElementTree as ET
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 import pytest
 
-from stadera.cli import main
+from stadera.cli import main, options
 from stadera.lab.truth import Truth, read_truth
 from stadera.logs import Imu, Recording, read, write_table
 from stadera.logs.recording import take
 from stadera.robot import load_robot
+from stadera.trunk.registry import METHODS
+from stadera.weigh.weigh import AT_REST
 
 Run = Callable[..., Any]
 REST = ("--method", "standing")
@@ -272,3 +274,9 @@ def test_bad_usage(run: Run, loading: Path, tmp_path: Path) -> None:
     same = run("weigh", loading, "--robot", "hyq", "--json", loading)
     assert (same.code, "would replace an input" in same.err) == (1, True)
     assert loading.stat().st_size > 0
+
+
+def test_the_help_names_every_method_and_the_defaults() -> None:
+    how = get_args(options.Method)[1]
+    assert set(str(how.metavar).split("|")) == {*METHODS, "FILE.py:NAME"}
+    assert f"else {AT_REST}]" in str(how.help)

@@ -48,9 +48,9 @@ LegsFile = Annotated[
 Method = Annotated[
     str | None,
     option(
-        "walking|contact|orientation|poses|combined|FILE.py:NAME",
-        "walking: any motion; FILE.py:NAME: your own estimator; others: at rest, poses and combined without an IMU "
-        "[default: walking with an IMU and 50 samples a second, else contact, or poses without an IMU].",
+        "walking|standing|contact|orientation|poses|combined|FILE.py:NAME",
+        "walking: any motion; FILE.py:NAME: your own estimator; others: at rest, standing, poses and combined without "
+        "an IMU too [default: walking with an IMU and 50 samples a second, else standing].",
     ),
 ]
 Tare = Annotated[str | None, option("T0:T1|LOG", "Time [s] in LOG, or another log, without the payload.")]
