@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from identify.leg_runs import DRIVE, hyq, noisy, run
 from stadera.body import Rows
 from stadera.identify.gather import LAG, Gathered, correlation_length, independent_rows
-from stadera.identify.legs import identify
-from stadera.identify.settings import IdentifySettings
 from stadera.information import Information
 
 
@@ -60,20 +55,3 @@ def test_a_friction_law_that_is_not_the_drives_leaves_fewer_independent_rows() -
     exact, worn = (t - law @ np.linalg.lstsq(law, t, rcond=None)[0] for t in (law @ [0.5, 0.2] + white, torque + white))
     assert independent_rows(exact, law) < 1.5
     assert independent_rows(worn, law) > 1.5 * max(independent_rows(exact, law), correlation_length(worn))
-
-
-def test_a_joint_that_sticks_tells_nothing_of_its_friction() -> None:
-    """There the direction of sliding is noise of the velocity, which would pull Coulomb friction to zero."""
-    log = noisy(run(replace(DRIVE, coulomb=40.0), duration=10.0), effort=0.3, position=4e-4)
-    found = identify(hyq(), log, IdentifySettings(legs=("RH",), torque_lag=0.0, varying=None)).legs[0].parameters
-    for joint in hyq().leg("RH").joints[:2]:
-        assert found[f"{joint}.coulomb"].value == pytest.approx(40.0, rel=0.05)
-
-
-def test_rows_of_less_weight_count_less() -> None:
-    """Half of the rows without weight: what is left is as if they were not there."""
-    rng = np.random.default_rng(7)
-    x, r = autoregressive(0.9, 8000, rng), autoregressive(0.8, 8000, rng)
-    half = np.arange(8000) < 4000
-    alone = independent_rows(r[half], x[half, None])
-    assert independent_rows(half * r, (half * x)[:, None], weight=0.5) == pytest.approx(alone, rel=0.1)

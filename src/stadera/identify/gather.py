@@ -11,11 +11,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial, reduce
+from functools import reduce
 from itertools import chain
 
 import numpy as np
-from scipy.linalg import block_diag
 
 from stadera.body import JointMotion, Rows, TrunkMotion
 from stadera.constants import SATURATED
@@ -42,18 +41,16 @@ def rows_of(task: LegTask, chunk: Processed, trunk: TrunkMotion) -> Iterator[Row
     return task.rows(motion, chunk.effort[:, index], trunk)
 
 
-def _late_rows(slowest: float, task: LegTask, chunk: Processed, trunk: TrunkMotion) -> Iterator[Rows]:
-    """The same, with the remaining lag δ of the torques: Y θ = τ(t - δ), so Y θ + τ̇ δ = τ. A joint below `slowest`
-    [rad/s] may stick, with any friction up to Coulomb's, while noise of its velocity, as the direction of sliding,
-    hides it: both sides are multiplied by a weight that vanishes there.
-    """
-    for joint, rows in zip(task.leg.joints, rows_of(task, chunk, trunk), strict=True):
-        squared = chunk.velocity[:, chunk.joints.index(joint)] ** 2 + 1e-300
-        weight = (squared / (squared + slowest**2)) ** 2
+def _late_rows(task: LegTask, chunk: Processed, trunk: TrunkMotion) -> Iterator[Rows]:
+    """The same, with the remaining lag δ of the torques: Y θ = τ(t - δ), so Y θ + τ̇ δ = τ."""
+    for rows in rows_of(task, chunk, trunk):
         rate = np.gradient(rows.target, chunk.time) if len(chunk) > 1 else np.zeros(len(chunk))
-        mixing = None if rows.mixing is None else block_diag(rows.mixing, np.eye(1))
-        reduced = np.column_stack([rows.reduced, rate]) * weight[:, None]
-        yield Rows((*rows.columns, LAG), reduced, weight * rows.target, rows.std, mixing)
+        mixing = rows.mixing
+        if mixing is not None:
+            wider = np.zeros((len(mixing) + 1, mixing.shape[1] + 1))
+            wider[:-1, :-1], wider[-1, -1] = mixing, 1.0
+            mixing = wider
+        yield Rows((*rows.columns, LAG), np.column_stack([rows.reduced, rate]), rows.target, rows.std, mixing)
 
 
 def speed(task: LegTask, chunk: Processed) -> Array:
@@ -74,8 +71,7 @@ def residual_noise(
     ranks: Sequence[int],
     correlated: int = 50_000,
 ) -> tuple[dict[str, float], dict[str, float]]:
-    """Standard deviation of each joint's residuals [N·m] in rows of weight one, and how many of these count as one
-    independent row. A row's weight is its offset's column.
+    """Standard deviation of each joint's residuals [N·m], and how many rows count as one independent row.
 
     `fits` are the parameters of each joint by name, `ranks` the number of directions in which they were fitted to the
     same rows, which reduces the residuals. The correlation is estimated from the first `correlated` rows, see
@@ -83,34 +79,31 @@ def residual_noise(
     """
     kept: list[list[Array]] = [[] for _ in joints]
     own: list[list[Array]] = [[] for _ in joints]
-    count, squares, largest, weights = 0, *np.zeros((3, len(joints)))
+    count, squares, largest = 0, np.zeros(len(joints)), np.zeros(len(joints))
     for every in chunks:
         for k, rows in enumerate(every):
             residual = rows.target - predicted(rows, fits[k])
             squares[k] += residual @ residual
             largest[k] = max(largest[k], np.abs(rows.target).max(initial=0.0))
-            of_joint = [i for i, name in enumerate(rows.columns) if name.startswith(f"{joints[k]}.")]
-            terms = rows.reduced @ (np.eye(len(rows.columns)) if rows.mixing is None else rows.mixing)[:, of_joint]
-            weights[k] += np.sum(terms[:, [rows.columns[i].endswith(".offset") for i in of_joint]] ** 2)
             if count < correlated:
                 kept[k].append(residual)
-                own[k].append(terms)
+                of_joint = [i for i, name in enumerate(rows.columns) if name.startswith(f"{joints[k]}.")]
+                mixing = np.eye(len(rows.columns)) if rows.mixing is None else rows.mixing
+                own[k].append(rows.reduced @ mixing[:, of_joint])
         count += len(every[0])
     std, worth = {}, {}
     for k, joint in enumerate(joints):
         floor = 1e-9 * max(largest[k], 1e-9)  # rounding error, for data without noise
-        std[joint] = max(float(np.sqrt(squares[k] / max(weights[k] - ranks[k], 1.0))), floor)
-        share = weights[k] / max(count, 1)
-        worth[joint] = independent_rows(np.concatenate(kept[k]), np.concatenate(own[k]), share) if kept[k] else 1.0
+        std[joint] = max(float(np.sqrt(squares[k] / max(count - ranks[k], 1))), floor)
+        worth[joint] = independent_rows(np.concatenate(kept[k]), np.concatenate(own[k])) if kept[k] else 1.0
     return std, worth
 
 
-def independent_rows(residual: Array, terms: Array, weight: float = 1.0) -> float:
-    """Number of rows that count as one independent row, for the residuals (n,) and the worst of the terms (n, k), of
-    rows whose squared weights have this mean.
+def independent_rows(residual: Array, terms: Array) -> float:
+    """Number of rows that count as one independent row, for the residuals (n,) and the worst of the terms (n, k).
 
     The least-squares error of the factor of a term x is Σ x r / Σ x², so its variance depends on the correlation of the
-    products s = x r, not of the residuals r: τ_s E[s²] E[w²] / (E[x²] E[r²]) rows are worth one, with τ_s by
+    products s = x r, not of the residuals r: τ_s E[s²] / (E[x²] E[r²]) rows are worth one, with τ_s by
     `correlation_length`. Residuals of a friction law that is not quite that of the drive follow the motion that excites
     it, and are worth much less than their own correlation suggests: on the real Go2 and Aliengo in the air up to five
     times less (heteroscedastic and autocorrelated errors: Newey and West 1987).
@@ -119,7 +112,7 @@ def independent_rows(residual: Array, terms: Array, weight: float = 1.0) -> floa
     for term in terms.T:
         seen, scale = term * residual, float(term @ term) * square
         if scale > 0.0:
-            most = max(most, correlation_length(seen) * weight * len(seen) * float(seen @ seen) / scale)
+            most = max(most, correlation_length(seen) * len(seen) * float(seen @ seen) / scale)
     return most
 
 
@@ -357,8 +350,7 @@ def information_of(job: Job, part: Part, gathered: Sequence[Gathered]) -> list[I
 
 
 def _rows(job: Job, task: LegTask, training: Part) -> Iterator[tuple[Rows, ...]]:
-    made = partial(_late_rows, job.drop_below)
-    return (rows for _, rows in smoothed_rows(task, training, job.trunk, job.rows_cutoff, job.drop_below, made))
+    return (rows for _, rows in smoothed_rows(task, training, job.trunk, job.rows_cutoff, job.drop_below, _late_rows))
 
 
 def _summed_up(chunks: Iterable[tuple[Rows, ...]], task: LegTask, together: int = 8) -> tuple[Information, ...]:
