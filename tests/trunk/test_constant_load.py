@@ -7,10 +7,12 @@ import pytest
 
 from layout import ERRORS, LAYOUT, rows_of
 from stadera.robot import load_robot
+from stadera.trunk.block_rows import BlockRows, SwingRows
 from stadera.trunk.error_model import ErrorModel
+from stadera.trunk.history import History
 from stadera.trunk.joint_errors import Errors
 from stadera.trunk.segment import Segment
-from stadera.trunk.settings import ModelErrors, SwingDetection
+from stadera.trunk.settings import ModelErrors, SwingDetection, TrunkSettings
 from stadera.trunk.swing import SwingJoints
 
 MODEL = ErrorModel(load_robot("hyq"), ModelErrors(), 0.7)
@@ -83,3 +85,19 @@ def test_noise_alone_moves_no_estimate() -> None:
         P = segment.inverse @ segment.inverse.T
         added.append(ERRORS_OF_IT.of_rows(segment)[0, 0] / P[0, 0])
     assert 1.0 <= np.median(added) < 1.2
+
+
+def test_a_load_that_is_not_noticed_after_a_tare_is_no_error_of_the_model() -> None:
+    """Exact rows of one trunk before the tare and of another since then leave no residual."""
+    robot, rng, none = load_robot("hyq"), np.random.default_rng(2), np.zeros(ERRORS)
+    history = History(robot, np.zeros(10), LAYOUT, TrunkSettings())
+    swing = SwingRows(np.zeros(12, dtype=bool), *[np.empty((0, 0))] * 4, slides=np.ones((2, 12), dtype=bool))
+    for k in range(200):
+        if k == 100:
+            history.set_tare(none)
+        A = rng.standard_normal((6, 10))
+        b = A @ np.array([30.0 + 5.0 * (k >= 100), *np.zeros(9)])
+        columns = np.hstack([A, b[:, None], np.zeros((6, ERRORS))])
+        history.add(BlockRows(0.02 * k, 0.02, columns, np.ones(6), swing, np.zeros(12)), none)
+    assert history.current.remainder[0, 0] > 100.0
+    assert history.total.in_motion[0, 0] < 1.0

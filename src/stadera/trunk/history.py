@@ -192,11 +192,11 @@ class History:
 
     @property
     def total(self) -> RowSums:
-        """Sums over all loads. Rows in which a change may still be detected do not count against the model. A load in a
-        hand, of which the trunk's rows tell little, is one without a change too: with rows of limbs those since the
-        tare count apart.
+        """Sums over all loads. Rows in which a change may still be detected do not count against the model. After a
+        tare there may be another load, noticed or not: taken for one and the same, errors of the model would explain
+        it.
         """
-        if self._places and self.tare is not None and self.loaded is not None and self.loaded.limb_count:
+        if self.tare is not None and self.loaded is not None and self.loaded.blocks:
             return self._sum((*self.finished, self.tare, self.loaded))
         enough = self.aged.blocks >= self._settings.outliers.enough or self.finished
         last = self.aged if enough else self.current
@@ -220,7 +220,7 @@ class History:
                 felt = loaded.felt(rows)
                 weight = self._slides(felt, loaded) * self._since_tare.weight(felt.columns, loaded, errors)
                 keep *= self._kept(rows, loaded)
-                loaded = loaded.add(felt.weighing(weight), keep, remainder=self._places > 0, louder=self.noise)
+                loaded = loaded.add(felt.weighing(weight), keep, louder=self.noise)
         self._loaded.append(loaded)
         if len(self.recent) > 2 * self._settings.changes.pending:
             self.recent.popleft()
@@ -291,7 +291,7 @@ class History:
         for row in rows:
             self._known.append(self.current.add(row, louder=self.noise))
             if loaded is not None:
-                loaded = loaded.add(row, remainder=self._places > 0, louder=self.noise)
+                loaded = loaded.add(row, louder=self.noise)
             self._loaded.append(loaded)
 
     def _slides(self, rows: WeightedRows, known: Segment) -> float:

@@ -138,13 +138,11 @@ class Segment:
         below[:, : 10 * places] = np.diag(np.tile(1.0 / std, places))
         return cls(layout, triangle, below=below, held=held, limbs=np.zeros_like(below))
 
-    def add(
-        self, rows: WeightedRows, keep: float = 1.0, remainder: bool = True, louder: float | None = None
-    ) -> Segment:
+    def add(self, rows: WeightedRows, keep: float = 1.0, louder: float | None = None) -> Segment:
         """Returns the segment with one more block, the weight of everything before it multiplied by `keep`.
 
         Args:
-            remainder: keep what `remainder` needs. louder: see `Segment`; None as it is.
+            louder: see `Segment`; None as it is.
         """
         rows = self.felt(rows)
         weight = rows.weight * rows.share
@@ -171,7 +169,7 @@ class Segment:
             limb_count,
             self.louder if louder is None else louder,
             self._marked(),
-            [(self, keep, left)] if remainder else [],
+            [(self, keep, left)],
         )
 
     def _marked(self) -> tuple[Segment, ...]:
