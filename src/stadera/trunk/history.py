@@ -196,10 +196,12 @@ class History:
         tare there may be another load, noticed or not: taken for one and the same, errors of the model would explain
         it.
         """
+        enough, oldest = self._settings.outliers.enough, max(len(self.recent) - self._settings.changes.pending, 0)
         if self.tare is not None and self.loaded is not None and self.loaded.blocks:
-            return self._sum((*self.finished, self.tare, self.loaded))
-        enough = self.aged.blocks >= self._settings.outliers.enough or self.finished
-        last = self.aged if enough else self.current
+            since = self._loaded[oldest]
+            last = self.loaded if since is None or since.blocks < enough else since
+            return self._sum((*self.finished, self.tare, last))
+        last = self.aged if self.aged.blocks >= enough or self.finished else self.current
         return self._sum((last,)) if self._earlier is None else self._earlier.plus(last)
 
     def add(self, made: BlockRows, errors: Array) -> WeightedRows:
