@@ -146,7 +146,7 @@ def test_a_student_with_the_paper(installed: Path, tmp_path: Path) -> None:
     assert {record["experiment"] for record in records} == {"table1"}
     page = (tmp_path / "table1.html").read_text()
     assert not re.search(r"<(script|img|link|iframe)[^>]*(src|href)=", page)  # nothing is loaded
-    assert page.count('class="plot"') == 2
+    assert page.count('class="plot"') == 1
     assert "What differs from the paper, and why" in page
     assert "https://hal.science/hal-01575033" in page
     if CHROMIUM:

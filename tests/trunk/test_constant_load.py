@@ -29,7 +29,7 @@ def segment_of(first: np.ndarray, then: np.ndarray, seed: int = 3) -> Segment:
     return segment
 
 
-def test_marks_are_at_a_quarter_to_half_of_the_blocks_and_keep_no_rows() -> None:
+def test_marks_are_at_a_quarter_to_half_of_the_weight_and_keep_no_rows() -> None:
     segment = Segment.prior(np.zeros(10), np.full(10, 1e3), LAYOUT)
     rows = rows_of(0.0, np.eye(6, 10), np.zeros((6, ERRORS)), np.ones(6), 1.0)
     for _ in range(400):

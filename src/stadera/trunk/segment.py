@@ -51,7 +51,7 @@ from stadera.trunk.placed import Held, Told, TrunkAndLoad, folded, told
 from stadera.types import Array, Bools
 
 _OF_LIMBS = 2  # place of their remainder, after those of blocks at rest and in motion
-_FIRST_MARK = 25  # blocks: half a second, as long as a step
+_FIRST_MARK = 25.0  # weight: half a second, as long as a step
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,7 +108,7 @@ class Segment:
         louder: variance of the trunk's rows in their unit [1]; that of the limbs' is one.
         held: where a load is that the trunk does not contain, and the trunk without it; None if there is none.
         slid: (2, joints), joints that have slid forward, and backward, since the first row.
-        marks: what was known at two earlier blocks, see `earlier`.
+        marks: what was known at up to two earlier blocks, see `earlier`.
     """
 
     layout: ErrorLayout
@@ -173,14 +173,14 @@ class Segment:
         )
 
     def _marked(self) -> tuple[Segment, ...]:
-        """The marks of the next block: the last two that doubled the number of blocks."""
-        if self.blocks < (2 * self.marks[-1].blocks if self.marks else _FIRST_MARK):
+        """The marks of the next block: the last two that doubled the weight."""
+        if self.weight < (2.0 * self.marks[-1].weight if self.marks else _FIRST_MARK):
             return self.marks
         return (*self.marks[-1:], replace(self, marks=(), _last=[]))
 
     @property
     def earlier(self) -> Segment | None:
-        """The estimate by the first quarter to half of the blocks; None where these are too few."""
+        """The estimate by the first blocks, with a quarter to half of the weight; None where these are too few."""
         return self.marks[0].with_load(self.held) if len(self.marks) == 2 else None
 
     def felt(self, rows: WeightedRows) -> WeightedRows:
