@@ -269,8 +269,8 @@ def test_an_imu_far_from_the_trunks_origin_is_no_torque_that_is_off(name: str, p
     walk = Walk(seconds=6.0, rate_hz=500.0, period=period, speed=0.2 * (period > 0.0), seed=1)
     log = recorded(robot, walked(robot, walk), STANDARD, 2)
     assert diagnose(log, robot) == ()
-    rows = torques.TrunkRows.of(footing := footing_of(log, name, CheckLimits()))
+    rows = torques.TrunkRows.of(footing_of(log, name, CheckLimits()))
     assert rows is not None
     columns = rows.columns(tuple(range(4)))
     left = columns[:, 0] - rows.matrix @ np.linalg.lstsq(rows.matrix, columns[:, 0])[0]
-    assert np.sqrt(np.mean(left**2)) < 2.5, footing  # in rows of 1 % of the weight; 5 with the force at the IMU
+    assert np.sqrt(np.mean(left**2)) < 2.5  # in rows of 1 % of the weight; 5 with the force at the IMU

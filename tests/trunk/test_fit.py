@@ -14,6 +14,7 @@ from stadera.robot import load_robot
 from stadera.robot.imu import ImuMount
 from stadera.trunk import TrunkEstimator
 from stadera.trunk.error_model import ErrorModel
+from stadera.trunk.fit import _CAUSES as CAUSES
 from stadera.trunk.fit import Fit
 from stadera.trunk.joint_errors import Errors
 from stadera.trunk.noise import mean_third_differences_squared
@@ -126,4 +127,5 @@ def test_an_error_that_is_taken_to_be_none_explains_nothing(name: str) -> None:
     estimator.add(Samples.of_recording(recorded(ROBOT, motion, STANDARD), wrong))
     assert estimator.trust.misfit > settings.doubtful
     assert "the residual is" in estimator.trust.reasons[0]
+    assert not any(CAUSES.get(name, "nothing") in reason for reason in estimator.trust.reasons)
     assert 0.0 < estimator.trunk.mass_std < ROBOT.mass

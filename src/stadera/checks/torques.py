@@ -37,7 +37,7 @@ offset imitates: the two look alike.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import ClassVar
@@ -244,16 +244,17 @@ def torque_step(footing: Footing) -> tuple[Finding, float] | None:
     """The step or offset that is the clearest, and its z², if it is beyond what is needed; None if there is none, or no
     IMU.
     """
-    limits, time, rows = footing.limits, footing.blocks.time, TrunkRows.of(footing)
+    limits, rows = footing.limits, TrunkRows.of(footing)
     spans = [] if rows is None else list(_spans(footing))
     if rows is None or not spans:
         return None
     recorded = rows.columns(tuple(range(len(footing.robot.legs))))
 
-    tested, least = [_tested(rows, recorded, *span) for span in spans[::2]], 2.0 * np.log(len(spans))
-    if max(float(squares.max()) for squares, _ in tested) < least:
+    found, least = {k: _tested(rows, recorded, *spans[k]) for k in range(0, len(spans), 2)}, 2.0 * np.log(len(spans))
+    if max(float(squares.max()) for squares, _ in found.values()) < least:
         return None
-    tested = [_tested(rows, recorded, *span) for span in spans]
+    found |= {k: _tested(rows, recorded, *spans[k]) for k in range(1, len(spans), 2)}
+    tested = [found[k] for k in range(len(spans))]
     # a load that comes at another time than is tested looks like an offset; what is there all the time shows in all
     steps, offsets = np.array([squares for squares, _ in tested]).swapaxes(0, 1)
     k, kind, lasting = int(np.argmax(steps.max(axis=1))), 0, offsets.min(axis=0)
@@ -264,15 +265,18 @@ def torque_step(footing: Footing) -> tuple[Finding, float] | None:
     alike = [j for j in np.argsort(-squares) if squares[j] > squares[best] - limits.step_alike]
     if squares[best] < least or len(alike) > limits.step_alike_most:
         return None
-    names = [joint for leg in footing.robot.legs for joint in leg.joints]
-    joints, size = " or ".join(repr(names[j]) for j in alike[:3]), sizes[best] * rows.limit[best]
-    z = float(squares[best]) + _needed(footing, span, at)
-    how, since = ("is {:.3g} N·m off all the time", "all the time") if kind else ("jumps by {:.3g} N·m", "since then")
-    text = (
-        f"the torque of {joints} {how.format(size)}, which neither the motion nor a load explains ({np.sqrt(z):.1f} "
-        f"standard deviations); or something pushes or pulls the robot {since}, which looks alike"
+    z, size = float(squares[best]) + _needed(footing, span, at), f"{sizes[best] * rows.limit[best]:.3g} N·m"
+    joints = [joint for leg in footing.robot.legs for joint in leg.joints]
+    text = _said([joints[j] for j in alike], size, np.sqrt(z), lasting=bool(kind))
+    return Finding("torque_step", text, at=None if kind else float(footing.blocks.time[span.start + at])), z
+
+
+def _said(joints: Sequence[str], size: str, deviations: float, lasting: bool) -> str:
+    how, since = (f"is {size} off all the time", "all the time") if lasting else (f"jumps by {size}", "since then")
+    return (
+        f"the torque of {' or '.join(map(repr, joints[:3]))} {how}, which neither the motion nor a load explains "
+        f"({deviations:.1f} standard deviations); or something pushes or pulls the robot {since}, which looks alike"
     )
-    return Finding("torque_step", text, at=None if kind else float(time[span.start + at])), z
 
 
 def _spans(footing: Footing) -> Iterator[tuple[slice, int]]:

@@ -164,7 +164,12 @@ class History:
     @property
     def aged(self) -> Segment:
         """The estimate without the last `pending` blocks, in which a change may still be detected."""
-        return self._known[max(len(self.recent) - self._settings.changes.pending, 0)]
+        return self._known[self._pending]
+
+    @property
+    def _pending(self) -> int:
+        """Place, among what was known, before the blocks in which a change may still be detected."""
+        return max(len(self.recent) - self._settings.changes.pending, 0)
 
     def before_last(self, blocks: int) -> Segment | None:
         """The estimate without so many latest blocks; None if they are not all of the present load."""
@@ -196,9 +201,9 @@ class History:
         tare there may be another load, noticed or not: taken for one and the same, errors of the model would explain
         it.
         """
-        enough, oldest = self._settings.outliers.enough, max(len(self.recent) - self._settings.changes.pending, 0)
+        enough = self._settings.outliers.enough
         if self.tare is not None and self.loaded is not None and self.loaded.blocks:
-            since = self._loaded[oldest]
+            since = self._loaded[self._pending]
             last = self.loaded if since is None or since.blocks < enough else since
             return self._sum((*self.finished, self.tare, last))
         last = self.aged if self.aged.blocks >= enough or self.finished else self.current

@@ -358,6 +358,10 @@ class TrunkSettings:
             "explained",
             "compared",
             "stop",
+            "doubtful",
+            "bad",
+            "turned",
+            "apart",
         )
         require_positive("setting of weighing", self, rest)
 
