@@ -35,7 +35,10 @@ if TYPE_CHECKING:
     from stadera.report.table import TableData
 
 
-_SCENARIOS = "stand|stand-load|poses|ramp|crawl|crawl-load|trot|trot-load|errands|shake|shake-load|squat|swing|motion"
+_SCENARIOS = (
+    "stand|stand-load|poses|ramp|crawl|crawl-load|trot|trot-load|errands|"
+    "shake|shake-load|squat|step|step-load|swing|motion"
+)
 
 
 @dataclass(frozen=True)

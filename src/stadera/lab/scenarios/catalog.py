@@ -15,6 +15,7 @@ from stadera.lab.control.crawl import Crawl
 from stadera.lab.control.played import Played
 from stadera.lab.control.reference import Shake, TrunkPose
 from stadera.lab.control.stand import Controller, TestBed
+from stadera.lab.control.stepping import Stepping
 from stadera.lab.control.steps import CrawlCommand
 from stadera.lab.control.trot import Trot
 from stadera.lab.control.trunk import TrunkController
@@ -190,7 +191,8 @@ class Scenario:
     # of the load [s], from the duration [s]
     load_time: Callable[[SimulateSettings, float], float] = lambda _, duration: DEFAULTS.load_after * duration
     slope: float = 0.0  # default slope [rad]
-    controller: ControllerOf = _standing  # of stance and gait
+    controller: ControllerOf = _standing  # of stance and gait of a quadruped
+    stepping: bool = False  # whether it is of robots on two flat feet only
 
     def script(self, robot: Robot, settings: SimulateSettings, duration: float) -> list[ScriptEvent]:
         """Events of a run of this duration [s], in order of time."""
@@ -286,6 +288,14 @@ def _crawl(bed: TestBed, settings: SimulateSettings) -> None:
     crawl.resume()
 
 
+def _steps(robot: Robot, settings: SimulateSettings, duration: float) -> Sequence[ScriptEvent]:
+    def walk(bed: TestBed) -> None:
+        assert isinstance(bed.controller, Stepping)
+        bed.controller.walk(settings.speed or 0.0)
+
+    return [ScriptEvent(WholeBody.centred, walk)]
+
+
 def _again(settings: SimulateSettings) -> float:
     """Time at which the motion is played a second time [s]."""
     if (table := settings.motion) is None:
@@ -317,6 +327,8 @@ SCENARIOS: Mapping[str, Scenario] = MappingProxyType(
         "shake": Scenario(8.0, _motion(_shake)),
         "shake-load": Scenario(8.0, _motion(_shake), own=True),
         "squat": Scenario(8.0, _squats),
+        "step": Scenario(10.0, _steps, stepping=True),
+        "step-load": Scenario(10.0, _steps, own=True, stepping=True),
         "motion": Scenario(
             13.0,
             _played,
@@ -331,14 +343,18 @@ SCENARIOS: Mapping[str, Scenario] = MappingProxyType(
 
 def controlled(scenario: Scenario, robot: Robot, whole: Robot, arms: Arms) -> tuple[Controller, ArmTorques | None]:
     """The controller of a robot, whole or as its model file is loaded, and what moves the arms if it does not. Raises
-    StaderaError: the scenario has a gait, and the robot is no quadruped.
+    StaderaError: the scenario has a gait of quadrupeds and the robot is none, or the other way round.
     """
-    if robot.quadruped:
+    if robot.quadruped and not scenario.stepping:
         return scenario.controller(robot, TrunkModel.prior(robot)), ArmTorques(whole, arms) if robot.extra else None
-    if scenario.controller is not _standing:
-        standing = ", ".join(name for name, one in SCENARIOS.items() if one.controller is _standing)
-        raise StaderaError(f"robot {robot.name} is no quadruped: it can {standing}")
-    return WholeBody(whole, arms), None
+    if robot.quadruped or scenario.controller is not _standing:
+        can = ", ".join(name for name, one in SCENARIOS.items() if _able(one, robot))
+        raise StaderaError(f"robot {robot.name} is {'a' if robot.quadruped else 'no'} quadruped: it can {can}")
+    return (Stepping if scenario.stepping else WholeBody)(whole, arms), None
+
+
+def _able(scenario: Scenario, robot: Robot) -> bool:
+    return not scenario.stepping if robot.quadruped else scenario.controller is _standing
 
 
 def scenario_named(name: str) -> Scenario:
