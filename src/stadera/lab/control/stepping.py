@@ -52,7 +52,8 @@ class StepSettings:
     late: float = 1.15  # share of a swing after which the foot is taken as landed
     touch: float = 0.003  # height of a foot above the end of its trajectory that only the ground explains [m]
     early: float = 0.01  # and above its trajectory before that [m]
-    settles: float = 0.4  # share of the first `both` after which a foot that has landed tells where the trunk is
+    light: float = 0.1  # share of the weight below which a foot is pressed down, since nothing else holds it
+    down: float = 4.0  # acceleration with which it is [m/s²]
     foot: float = 40.0  # natural frequency of the tracking of feet in the air, damped critically [rad/s]
     slides: float = 0.05  # speed of a joint in the plan from which its whole friction is compensated [rad/s]
     ahead: int = 4  # steps that are planned
@@ -80,6 +81,7 @@ class Stepping(WholeBody):
         # ξ, its reference, its model's, d, and the centre of pressure: now, at the phase's beginning, of the forces
         self._xi, self._wanted, self._modelled, self._off = np.zeros((4, 2))
         self._pressure, self._before, self._realised = np.zeros((3, 2))
+        self._carried = np.full(2, 0.5)  # share of the weight on each foot
 
     _path: SwingTrajectory | None
 
@@ -118,18 +120,12 @@ class Stepping(WholeBody):
         self._both, self._since, self._before = self.settings.shift / self._omega, self.time, self._middles.mean(axis=0)
 
     def _load(self, seen: Seen, t: float) -> None:
-        """Loads a foot that has landed, and then trusts its place."""
-        came, share = 1 - self._next, t * self._omega / self.settings.both
-        if not self.count or share >= 1.0:
-            self._weights = np.full(2, 0.5)
-            return self._sharing.set_most(np.full(len(self._points), np.inf))
-        most = np.where(self._points == came, max(share, 0.01) * 0.6 * self.robot.mass * GRAVITY, np.inf)
-        self._sharing.set_most(most)
-        if share < self.settings.settles:
-            self._anchors[came] = self.position + seen.feet[came]
-        else:
-            self._weights = np.full(2, 0.5)
-        return None
+        """Loads a foot that has landed; one that carries little does not tell where the trunk is."""
+        share, light = t * self._omega / self.settings.both, self._carried < self.settings.light
+        self._weights = self._carried
+        self._anchors[light] = self.position + seen.feet[light]
+        most = max(share, 0.01) * 0.6 * self.robot.mass * GRAVITY if self.count and share < 1.0 else np.inf
+        self._sharing.set_most(np.where(self._points == 1 - self._next, most, np.inf))
 
     def _may_lift(self, seen: Seen, late: bool) -> bool:
         """Whether the next foot can be lifted. If it waits for too long, the better one of both is, at once."""
@@ -230,7 +226,8 @@ class Stepping(WholeBody):
 
     def _foot_acceleration(self, seen: Seen, leg: int, velocity: Array) -> Array:
         if self._path is None or leg != self._next:
-            return np.zeros(6)
+            lightness = max(1.0 - self._carried[leg] / self.settings.light, 0.0) if self._omega else 0.0
+            return -lightness * (2.0 * self.settings.foot * velocity + [0.0, 0.0, self.settings.down, 0.0, 0.0, 0.0])
         w, (place, rate, rate_2) = self.settings.foot, self._path.at(self.time)
         off = place - self.position - seen.feet[leg]
         turn = seen.turned[leg] @ pin.log3(seen.turned[leg].T @ self._flat[leg])
@@ -257,4 +254,5 @@ class Stepping(WholeBody):
         places = np.concatenate([own + place for own, place in zip(arms, seen.feet, strict=True)])
         up = np.concatenate(forces)[:, 2]
         self._realised = (self.position + up @ places / max(float(up.sum()), 1.0))[:2]
+        self._carried = np.array([float(f[:, 2].sum()) for f in forces]) / max(float(up.sum()), 1.0)
         return forces, arms
