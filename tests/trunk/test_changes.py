@@ -94,15 +94,16 @@ def test_the_difference_is_that_of_two_segments(monkeypatch: pytest.MonkeyPatch)
         history.add(r, known.mean)
         detector.look(history, known, held=False)
     detector._moved = True
-    found = detector._differences(history, known)[2]
+    which, found = detector._differences(history, known)
+    assert which[2] == 2
     before = history.before_last(n)
     assert before is not None
     since = Segment.prior(before.mean(known.mean), wide, LAYOUT)
     for latest in list(history.recent)[-n:]:
         since = since.add(latest)
     std = np.sqrt(np.diag(known.difference_covariance(before, since)))[:4]
-    np.testing.assert_allclose(found.size, since.mean(known.mean) - before.mean(known.mean), rtol=1e-6, atol=1e-6)
-    np.testing.assert_allclose(found.std, std, rtol=0.03)  # a segment's wide prior does not follow the one before
+    np.testing.assert_allclose(found.size[2], since.mean(known.mean) - before.mean(known.mean), rtol=1e-6, atol=1e-6)
+    np.testing.assert_allclose(found.std[2], std, rtol=0.03)  # a segment's wide prior does not follow the one before
 
 
 def test_a_load_put_on_early_is_found_once_there_are_enough_blocks_before_it() -> None:

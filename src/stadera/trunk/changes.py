@@ -19,16 +19,22 @@ push is reported as a change too: until it ends it cannot be distinguished from 
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from stadera.trunk.history import History
 from stadera.trunk.joint_errors import Errors
 from stadera.trunk.placed import Told
 from stadera.trunk.segment import Segment
 from stadera.trunk.settings import ChangeSettings
-from stadera.types import Array
+from stadera.types import Array, Bools
+
+_ANEW = 1000  # blocks after which sums begin at zero again: they are differences of long ones
+
+Ints = NDArray[np.int64]
 
 
 class Jump(NamedTuple):
@@ -43,21 +49,21 @@ class Jump(NamedTuple):
     reported: bool
 
 
-class LoadDifference(NamedTuple):
-    """Of the trunk over the latest blocks and before them.
+class LoadDifferences(NamedTuple):
+    """Of the trunk over the latest blocks and before them, for W numbers of blocks.
 
     Attributes:
-        before: the estimate before them. size: (10,), δ. std: (4,), of its mass and first moments.
+        before: W estimates before them. size: (W, 10), δ. std: (W, 4), of its mass and first moments.
     """
 
-    before: Segment
+    before: Sequence[Segment]
     size: Array
     std: Array
 
     @property
     def ratios(self) -> Array:
-        """(4,), of mass and first moments to their standard deviations."""
-        return np.asarray(np.abs(self.size[:4]) / self.std)
+        """(W, 4), of mass and first moments to their standard deviations."""
+        return np.asarray(np.abs(self.size[:, :4]) / self.std)
 
 
 class ChangeDetector:
@@ -71,18 +77,17 @@ class ChangeDetector:
 
     def __init__(self, settings: ChangeSettings, scale: Array, wide: Array) -> None:
         self.settings, self._scale, self._wide = settings, scale, wide
-        self._windows = settings.windows
-        self._products: deque[Array] = deque(maxlen=settings.windows[-1])  # Aᵀ W of all columns, by block
+        self._windows = np.array(settings.windows)
+        self._sums: deque[Array | float] = deque([0.0], settings.windows[-1] + 1)  # of Aᵀ W times all columns, by block
         self._square = np.ones((len(settings.windows), 4))  # mean square of ratios under a constant load
         self._count = np.full(len(settings.windows), settings.trusted)  # of independent ones
-        self._waiting: deque[dict[int, Array]] = deque()  # ratios that may be those of a change
+        self._waiting: deque[tuple[Ints, Array]] = deque()  # windows, and ratios that may be those of a change
         self._seen = self._persists = 0
         self._moved = False
 
     def restart(self, kept: int) -> None:
         """Restarts after a change of the load: only the last `kept` blocks belong to the new one."""
-        products = list(self._products)[-kept:] if kept else []
-        self._products = deque(products, maxlen=self._products.maxlen)
+        self._sums = deque(list(self._sums)[-1 - kept :], self._sums.maxlen)
         self._persists = 0
         self._waiting.clear()
 
@@ -99,98 +104,96 @@ class ChangeDetector:
             held: suppress reports, because the model does not fit.
         """
         rows, settings = history.recent[-1], self.settings
-        self._products.append(rows.weight * rows.columns[:, :10].T @ rows.columns)
+        self._sums.append(self._sums[-1] + rows.weight * rows.columns[:, :10].T @ rows.columns)
         self._seen += 1
+        if self._seen % _ANEW == 0:
+            self._sums = deque([each - self._sums[0] for each in self._sums], self._sums.maxlen)
         self._moved = self._moved or rows.sliding >= settings.sliding
         if self._seen % settings.every:
             return None
-        found = self._differences(history, errors)
-        best, ratio = 0, 0.0
-        for k, each in found.items():
-            ratios = each.ratios / np.sqrt(self._square[k])
-            if not self._large(each).any() and 3 * self._windows[k] < settings.pending:
-                continue  # small changes count in long averages only
-            if ratios.max() > ratio:
-                best, ratio = k, float(ratios.max())
+        which, found = self._differences(history, errors)
+        large, windows = self._large(found.size), self._windows[which]
+        counts = large | (3 * windows >= settings.pending)  # small changes count in long averages only
+        ratios = np.where(counts, (found.ratios / np.sqrt(self._square[which])).max(axis=1), 0.0)
         if not held:
-            self._learn({k: each.ratios for k, each in found.items()})
-        self._persists = (self._persists + 1) * (ratio > settings.deviations and not held)
+            self._learn(which, found.ratios)
+        self._persists = (self._persists + 1) * bool((ratios > settings.deviations).any() and not held)
         if self._persists < settings.confirmed:
             return None
-        change = found[best]
-        return Jump(self._placed(change, self._windows[best], history, errors), bool(self._large(change).any()))
+        best = int(np.argmax(ratios))
+        placed = self._placed(found.before[best], found.size[best], int(windows[best]), history, errors)
+        return Jump(placed, bool(large[best]))
 
     def returned(self, before: Segment, since: Segment, history: History, errors: Errors) -> bool:
         """True if the load is again what it was before a change: the latest blocks agree with the estimate before, and
         not with that `since` the change. It was a push, or a foot that was caught.
         """
         settings, n = self.settings, self.settings.back
-        if len(self._products) < n:
+        if len(self._sums) <= n:
             return False
-        usual, total = np.sqrt(self._square[self._windows.index(n)]), self._sums([n])[0]
+        usual, total = np.sqrt(self._square[settings.windows.index(n)]), self._over([n])
 
         def ratio(segment: Segment) -> float:
-            return float((self._difference(segment, total, history.noise, errors).ratios / usual).max())
+            return float((self._difference([segment], total, history.noise, errors).ratios / usual).max())
 
         return ratio(before) < settings.agreeing and ratio(since) > settings.deviations
 
-    def _large(self, change: LoadDifference) -> Array:
-        """Which of mass and first moments (4,) change by more than the least change that is reported."""
-        return np.asarray(np.abs(change.size[:4]) > self.settings.least_change * self._scale)
+    def _large(self, size: Array) -> Bools:
+        """Whether mass or first moments (..., 10) change by more than the least change that is reported."""
+        return np.asarray((np.abs(size[..., :4]) > self.settings.least_change * self._scale).any(axis=-1))
 
-    def _sums(self, windows: list[int]) -> list[Array]:
-        """Sums of the products of the last blocks, for each window."""
-        latest, out = np.array(self._products)[::-1], list[Array]()
-        for begin, end in zip([0, *windows], windows, strict=False):
-            part = latest[begin:end].sum(axis=0)
-            out.append(out[-1] + part if out else part)
-        return out
+    def _over(self, windows: Sequence[int]) -> Array:
+        """Sums of the products of the last blocks (W, 10, ...), for each window."""
+        return np.array([self._sums[-1] - self._sums[-1 - n] for n in windows])
 
-    def _differences(self, history: History, errors: Errors) -> dict[int, LoadDifference]:
-        """Those over all windows with enough blocks before them, by the window's number."""
-        before = {}
-        for k, n in enumerate(self._windows):
-            known = history.before_last(n) if n <= len(self._products) else None
-            if known is not None and known.weight >= self.settings.history:
-                before[k] = known
-        sums = self._sums([self._windows[k] for k in before])
-        return {
-            k: self._difference(known, total, history.noise, errors)
-            for (k, known), total in zip(before.items(), sums, strict=True)
-        }
+    def _differences(self, history: History, errors: Errors) -> tuple[Ints, LoadDifferences]:
+        """Those over all windows with enough blocks before them, and the windows' numbers."""
+        known = [history.before_last(n) if n < len(self._sums) else None for n in self.settings.windows]
+        before = {k: each for k, each in enumerate(known) if each and each.weight >= self.settings.history}
+        which, over = np.array([*before], dtype=np.int64), self._over([self.settings.windows[k] for k in before])
+        return which, self._difference([*before.values()], over, history.noise, errors)
 
-    def _difference(self, before: Segment, total: Array, noise: float, errors: Errors) -> LoadDifference:
-        """Over blocks of which the products' sum is known; their rows scatter by `noise` times their unit."""
-        scaled = self._wide[:, None] * total[:, :10] * self._wide  # rounding hides parameters that no row shows
-        inverse = self._wide[:, None] * np.linalg.inv(scaled + np.eye(10)) * self._wide
-        size = inverse @ (total @ before.combination(errors.mean))
-        known = before.whole
-        known = Told(known.inverse, known.solution, np.empty((10, 0)))  # how it moves is learnt from ratios here
-        sensitivity = known.sensitivity + inverse @ before.by_errors(total)
-        root = np.sqrt(noise) * np.linalg.cholesky(0.5 * (inverse + inverse.T))
-        since = Told(root, np.hstack([size[:, None], sensitivity]), np.empty((10, 0)))
-        covariance = errors.difference_covariance(known, since, errors.alike(before) if self._moved else 1.0)
-        return LoadDifference(before, size, np.sqrt(np.diagonal(covariance)[:4]))
+    def _difference(self, before: Sequence[Segment], over: Array, noise: float, errors: Errors) -> LoadDifferences:
+        """Over blocks of which the products' sums (W, 10, ...) are known; their rows scatter by `noise` times their
+        unit. The segments `before` have loads in the same places.
+        """
+        if not before:
+            return LoadDifferences(before, np.zeros((0, 10)), np.ones((0, 4)))
+        wide = self._wide[:, None]
+        scaled = wide * over[:, :, :10] * self._wide  # rounding hides parameters that no row shows
+        inverse = wide * np.linalg.inv(scaled + np.eye(10)) * self._wide
+        left = np.array([total @ each.combination(errors.mean) for each, total in zip(before, over, strict=True)])
+        size, few = np.matvec(inverse, left), slice(0, 4)
+        # of mass and first moments alone; how the estimate before moves is learnt from ratios here
+        known = Told.stack([each.whole for each in before], few)
+        moved = np.array([each.by_errors(total) for each, total in zip(before, over, strict=True)])
+        sensitivity = known.sensitivity + inverse[:, few] @ moved
+        own = inverse[:, few, few]
+        root = np.sqrt(noise) * np.linalg.cholesky(0.5 * (own + own.mT))
+        since = Told(root, np.concatenate([size[:, few, None], sensitivity], axis=2), known.before)
+        alike = np.array([errors.alike(each) if self._moved else 1.0 for each in before])
+        covariance = errors.difference_covariance(known, since, alike[:, None, None])
+        return LoadDifferences(before, size, np.sqrt(np.diagonal(covariance, axis1=1, axis2=2)))
 
-    def _learn(self, ratios: dict[int, Array]) -> None:
+    def _learn(self, which: Ints, ratios: Array) -> None:
         """Updates the mean squares of ratios, after `pending`: the latest may be those of a change."""
         settings = self.settings
-        self._waiting.append(ratios)
+        self._waiting.append((which, ratios))
         if len(self._waiting) * settings.every <= settings.pending:
             return
-        for k, each in self._waiting.popleft().items():
-            share = min(settings.every / self._windows[k], 1.0)  # windows overlap
-            self._count[k] += share
-            self._square[k] += (each**2 - self._square[k]) * share / self._count[k]
+        which, ratios = self._waiting.popleft()
+        share = np.minimum(settings.every / self._windows[which], 1.0)  # windows overlap
+        self._count[which] += share
+        self._square[which] += (ratios**2 - self._square[which]) * (share / self._count[which])[:, None]
 
-    def _placed(self, change: LoadDifference, n: int, history: History, errors: Errors) -> int:
+    def _placed(self, before: Segment, size: Array, n: int, history: History, errors: Errors) -> int:
         """Most likely number of blocks since the change: those since then fit the estimate after it better than the one
         before.
         """
         rows = list(history.recent)[-(n + self.settings.pending) :]
         columns = np.array([each.columns for each in rows])
-        before = columns @ change.before.combination(errors.mean)
-        after = before - columns[:, :, :10] @ change.size
-        better = (before**2 - after**2).sum(axis=1)
+        earlier = columns @ before.combination(errors.mean)
+        after = earlier - columns[:, :, :10] @ size
+        better = (earlier**2 - after**2).sum(axis=1)
         usual = np.median(np.abs(better))
         return int(np.argmax(np.cumsum(np.clip(better, -2.0 * usual, 2.0 * usual)[::-1]))) + 1

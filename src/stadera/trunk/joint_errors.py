@@ -59,7 +59,6 @@ class Errors:
         mean: (errors,). covariance: Σ (errors, errors). std: (errors,).
         scatter: variance of the rows' residual, in their unit, times the number of successive rows with the same error
             [1]; one before any.
-        start: (errors, errors), the covariance before any row, of errors that residuals show.
         prior: (errors, errors), the covariance before loaded rows.
     """
 
@@ -85,7 +84,7 @@ class Errors:
         before, rest, by_rest = self.covariance.copy(), slice(learnt.stop, count), None
         if rows is not None and rows.weight:
             by_rest = self._learn(_Root.of(covariance, np.sqrt(variance[learnt]), gain), rows, learnt)
-        self.start = model.covariance * np.outer(scale, scale)
+        self._model, self._scale = model, scale
         self._sticking = self._held(model, swing, sticking)
         before[stuck, stuck] = self.covariance[stuck, stuck] = self._sticking
         self.prior = before
@@ -94,6 +93,11 @@ class Errors:
             self.covariance[learnt, learnt] -= across @ by_rest.T
             self.covariance[learnt, rest], self.covariance[rest, learnt] = across, across.T
         self.std: Array = np.sqrt(np.diagonal(self.covariance))
+
+    @property
+    def start(self) -> Array:
+        """(errors, errors), the covariance before any row, of errors that residuals show."""
+        return np.asarray(self._model.covariance * np.outer(self._scale, self._scale))
 
     def _learn(self, root: _Root, rows: RowSums, learnt: slice) -> Array:
         """Updates mean and covariance of the errors that are estimated. Returns S M_c/σ², by these and the rest."""
@@ -106,13 +110,13 @@ class Errors:
         for _ in range(2):  # the second pass uses the first one's residual
             each = [max(part.at(found) / count, QUIETEST) for part, (_, count) in zip(parts, sums, strict=True)]
             louds = [rows.repeats * variance for variance in each]
-            system = np.sum([part.normal / loud for part, loud in zip(parts, louds, strict=True)], axis=0)
+            system = np.asarray(sum(part.normal / loud for part, loud in zip(parts, louds, strict=True)))
             system.flat[:: len(system) + 1] += 1.0
             factor = lapack.dpotrf(system)[0]
-            along = np.sum([part.along / loud for part, loud in zip(parts, louds, strict=True)], axis=0)
+            along = sum(part.along / loud for part, loud in zip(parts, louds, strict=True))
             found = lapack.dpotrs(factor, along)[0]
         self.scatter, inverse = rows.repeated * each[0], inverse_of(factor)
-        self._weighed = np.sum([total / loud for (total, _), loud in zip(sums, louds, strict=True)], axis=0)
+        self._weighed = np.asarray(sum(total / loud for (total, _), loud in zip(sums, louds, strict=True)))
         self.mean[learnt] += root.before(found[:, None])[:, 0]
         S = root.before(root.before(inverse).T)
         self.covariance[learnt, learnt] = 0.5 * (S + S.T)
@@ -173,6 +177,7 @@ class Errors:
         return [
             (at, self._sticking if at == self.layout.sticking else self.covariance[at, at])
             for at in self.layout.changing
+            if at.stop > at.start
         ]
 
     def trunk_covariance(self, segment: Segment) -> Array:
@@ -197,26 +202,28 @@ class Errors:
         """Correlation of the friction of joints at rest under these loads and under another [1]."""
         return self._alike if all(load.steps for load in loads) else 0.0
 
-    def difference_covariance(self, first: Segment | Told, second: Segment | Told, alike: float = 0.0) -> Array:
-        """Covariance of the second segment's trunk parameters minus the first's, (10, 10).
+    def difference_covariance(self, first: Segment | Told, second: Segment | Told, alike: float | Array = 0.0) -> Array:
+        """Covariance of the second segment's trunk parameters minus the first's, (10, 10); of several of each at once,
+        `Told.stack`, (..., n, n).
 
         Errors that act on both alike cancel. Static friction of joints at rest may change with the load, and may even
         hide the load.
 
         Args:
-            alike: correlation of static friction in both [1].
+            alike: correlation of static friction in both, one number or (..., 1, 1) [1].
         """
         return self._between(first, second, alike, self.of_rows(first) + self.of_rows(second))
 
-    def _between(self, first: Segment | Told, second: Segment | Told, alike: float, own: Array) -> Array:
-        """See `difference_covariance`; `own` (10, 10) of what the two do not share."""
+    def _between(self, first: Segment | Told, second: Segment | Told, alike: float | Array, own: Array) -> Array:
+        """See `difference_covariance`; `own` (..., 10, 10) of what the two do not share."""
         difference = second.sensitivity - first.sensitivity
-        total = own + difference @ self.lasting @ difference.T
+        at_once = difference.reshape(-1, difference.shape[-1]) @ self.lasting
+        total = own + at_once.reshape(difference.shape) @ difference.mT
         parts = (difference, alike), (first.sensitivity, 1.0 - alike), (second.sensitivity, 1.0 - alike)
         for place, own in self._changing:
             for K, share in parts:
-                total += share * K[:, place] @ own @ K[:, place].T
-        return np.asarray(0.5 * (total + total.T))
+                total += share * K[..., place] @ own @ K[..., place].mT
+        return np.asarray(0.5 * (total + total.mT))
 
     def of_rows(self, segment: Segment | Told, scatter: float = 1.0) -> Array:
         """Covariance (10, 10) of a segment's own errors: the rows' scatter, offsets that are others under another load,
@@ -228,8 +235,8 @@ class Errors:
                 With the rows' unit for what is left places of payloads are 0.8 to 1.1 standard deviations off (rms,
                 second plant).
         """
-        drifted = segment.sensitivity[:, self._offsets] * self._drift
-        out = scatter * segment.inverse @ segment.inverse.T + drifted @ drifted.T
+        drifted = segment.sensitivity[..., self._offsets] * self._drift
+        out = scatter * segment.inverse @ segment.inverse.mT + drifted @ drifted.mT
         if isinstance(segment, Segment) and (earlier := segment.earlier) is not None:
             out += self._moved(earlier, segment)
         return np.asarray(out)
