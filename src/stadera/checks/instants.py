@@ -126,11 +126,14 @@ class Instants:
         """Derivatives of values (instants, ...) [1/s], by central differences within each stretch, one-sided at its
         ends; zero for an instant alone.
         """
-        out = np.zeros_like(values)
-        for rows in np.split(np.arange(len(self)), np.flatnonzero(np.diff(self.group)) + 1):
-            if len(rows) > 1:
-                out[rows] = np.gradient(values[rows], self.time[rows], axis=0)
-        return out
+        inside, each = np.diff(self.group) == 0, values.reshape(len(self), -1)
+        step, slope = np.zeros((len(self) + 1, 1)), np.zeros((len(self) + 1, each.shape[1]))  # before each, and after
+        step[1:-1, 0] = np.where(inside, np.diff(self.time), 0.0)
+        slope[1:-1][inside] = np.diff(each, axis=0)[inside] / step[1:-1][inside]
+        before, after = step[:-1], step[1:]
+        central = (after * slope[:-1] + before * slope[1:]) / np.where(before + after > 0.0, before + after, 1.0)
+        found = np.where((before > 0.0) & (after > 0.0), central, slope[:-1] + slope[1:])
+        return np.asarray(found.reshape(values.shape))
 
 
 def _thinned(count: int, most: int, limits: CheckLimits) -> NDArray[np.int64]:

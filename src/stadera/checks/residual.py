@@ -54,7 +54,10 @@ class Footing:
 
     def after(self, mend: Mend) -> Footing:
         """The footing at the same instants of the log after a correction."""
-        return replace(self, blocks=self.blocks.after(mend))
+        after, now = replace(self, blocks=self.blocks.after(mend)), self.blocks
+        if after.blocks.position is now.position and after.blocks.specific_force is now.specific_force is not None:
+            after.__dict__["state"] = self.state  # torques and gyro are no part of it
+        return after
 
     @property
     def body(self) -> Body:

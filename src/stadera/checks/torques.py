@@ -74,7 +74,7 @@ class TrunkRows:
     matrix: Array  # (6 n, 10), A, with θ in units of the robot's mass and leg length
     by_force: Array  # (6, 3), of the trunk's wrench by the specific force
     scale: Array  # (6, 1), the unit [N, N·m]
-    root: Array  # (p, p), root of the errors' covariance
+    root: Array  # (1 + p, 1 + p), of b, which it leaves, and root of the errors' covariance
     limit: Array  # (J,) [N·m], limits of the torques, by leg
     step: ClassVar[float] = 1e-4  # rad, of the differences by joint positions
 
@@ -99,6 +99,8 @@ class TrunkRows:
         size = robot.mass * np.array([1.0, *[0.5 * length] * 3, *[0.5 * length**2] * 6])
         model = ErrorModel(robot, ModelErrors(), length)
         chosen = np.concatenate([np.arange(model.layout.count)[model.layout.places[name]] for name in _ERRORS])
+        root = np.eye(1 + len(chosen))
+        root[1:, 1:] = np.linalg.cholesky(model.covariance[np.ix_(chosen, chosen)])
         return cls(
             footing,
             motion,
@@ -108,12 +110,12 @@ class TrunkRows:
             discounted(A * size, hidden).reshape(-1, 10),
             wrench_of_specific_force(trunk.mass, trunk.first_moment) + fed.inertial.sum(axis=1).T,
             scale,
-            np.linalg.cholesky(model.covariance[np.ix_(chosen, chosen)]),
+            root,
             model.limit,
         )
 
     def columns(self, order: Order) -> Array:
-        """(6 n, 1 + p): b and C, with p in units of its usual size, of torques in an order."""
+        """(6 n, 1 + p): b and C, of torques in an order."""
         body, blocks, motion, J = self.footing.body, self.footing.blocks, self.motion, self.footing.body.in_legs
         taken = np.concatenate([body.legs[leg] for leg in order])
         torque, rate, q_rate = blocks.effort[:, taken], blocks.slopes(blocks.effort)[:, taken], motion.velocity[:, J]
@@ -127,8 +129,7 @@ class TrunkRows:
         parts = [own.sum(axis=1)[..., None], *(-E * x[:, None] for x in terms)]
         parts += [self.by_force @ skews(motion.specific_force), np.tile(-self.by_force, (len(E), 1, 1))]
         parts += [-E * torque[:, None], (E @ rate[..., None]), np.moveaxis(by_joint, 0, 2)]
-        columns = discounted(np.concatenate(parts, axis=2) / self.scale, self.hidden).reshape(6 * len(E), -1)
-        return np.hstack([columns[:, :1], columns[:, 1:] @ self.root])
+        return discounted(np.concatenate(parts, axis=2) / self.scale, self.hidden).reshape(6 * len(E), -1)
 
     @cached_property
     def steps(self) -> Array:
@@ -136,34 +137,37 @@ class TrunkRows:
         steps = -np.moveaxis(self.state.to_wrench[:, self.footing.body.in_legs], 1, 2) * self.limit / self.scale
         return np.asarray(discounted(steps, self.hidden).reshape(-1, len(self.limit)))
 
-    @cached_property
-    def _seconds(self) -> tuple[NDArray[np.int64], ...]:
-        """Rows of each second."""
-        group = np.repeat(self.footing.blocks.group, 6)
-        return tuple(np.flatnonzero(group == one) for one in np.unique(group))
+    def seconds(self, *, pushed: bool = False) -> list[tuple[NDArray[np.int64], Array]]:
+        """Rows of each second, and what θ, and with `pushed` a force and moment from outside, explains of them."""
+        group, outside = np.repeat(self.footing.blocks.group, 6), 10.0 * np.tile(np.eye(6), (len(self.matrix) // 6, 1))
+        matrix = np.hstack([self.matrix, outside]) if pushed else self.matrix
+        each = [np.flatnonzero(group == one) for one in np.unique(group)]
+        return [(at, _explained(matrix[at], self.footing.limits)) for at in each]
 
-    def by_second(self, order: Order, *, pushed: bool = False) -> tuple[Array, Array]:
-        """Products of b and C (seconds, 1 + p, 1 + p) after θ is eliminated, another one in every second, and numbers
-        of rows less θ's. With `pushed` a constant force and moment from outside too.
+    def by_second(self, order: Order, seconds: list[tuple[NDArray[np.int64], Array]]) -> tuple[Array, Array]:
+        """Products of b and C (seconds, 1 + p, 1 + p) after what is another one in every second is eliminated, and
+        numbers of rows less what that has.
         """
-        products, counts, columns = [], [], self.columns(order)
-        for at in self._seconds:
-            A, outside = self.matrix[at], 10.0 * np.tile(np.eye(6), (len(at) // 6, 1))
-            products.append(_less(columns[at], np.hstack([A, outside]) if pushed else A, self.footing.limits))
-            counts.append(max(len(at) - A.shape[1] - 6 * pushed, 0))
-        return np.array(products), np.array(counts, dtype=float)
+        columns = self.columns(order)
+        counts = [max(len(at) - basis.shape[1], 0) for at, basis in seconds]
+        return np.array([_less(columns[at], basis) for at, basis in seconds]), np.array(counts, dtype=float)
 
 
-def _less(columns: Array, matrix: Array, limits: CheckLimits) -> Array:
-    """Products of columns after what a matrix explains of them, with a weak prior, is taken out."""
+def _explained(matrix: Array, limits: CheckLimits) -> Array:
+    """A basis (n, k) of what a matrix (n, k) explains, with a weak prior."""
     weak = limits.loose * np.eye(matrix.shape[1])
-    explained = np.linalg.qr(np.vstack([matrix, weak]))[0][: len(matrix)].T @ columns
+    return np.asarray(np.linalg.qr(np.vstack([matrix, weak]))[0][: len(matrix)])
+
+
+def _less(columns: Array, basis: Array) -> Array:
+    """Products of columns after what a basis explains of them is taken out."""
+    explained = basis.T @ columns
     return np.asarray(columns.T @ columns - explained.T @ explained)
 
 
 @dataclass(frozen=True, eq=False)
 class Likelihood:
-    """Of rows from which θ was eliminated."""
+    """Of rows from which θ was eliminated, with p in units of its usual size."""
 
     cost: float  # -2 log L
     variance: float  # s² k of a row
@@ -195,10 +199,13 @@ def swapped_in_motion(footing: Footing) -> tuple[Hypothesis, float] | None:
         return None
 
     def fitted(products: Array, counts: Array) -> Likelihood:
-        return Likelihood.of(products.sum(axis=0), int(counts.sum()), limits.order_repeated)
+        sized = rows.root.T @ products.sum(axis=0) @ rows.root
+        return Likelihood.of(sized, int(counts.sum()), limits.order_repeated)
 
-    recorded, counts = rows.by_second(own)
-    others = {order: (rows.by_second(order)[0], what) for order, what in torque_orders(footing.robot, limits.orders)}
+    alone = rows.seconds()
+    recorded, counts = rows.by_second(own, alone)
+    tried = torque_orders(footing.robot, limits.orders)
+    others = {order: (rows.by_second(order, alone)[0], what) for order, what in tried}
     order = min(others, key=lambda order: fitted(others[order][0], counts).cost)
     seconds, best = others[order]
     fit = fitted(seconds, counts)
@@ -209,7 +216,8 @@ def swapped_in_motion(footing: Footing) -> tuple[Hypothesis, float] | None:
         now, other = (fitted(np.delete(part, k, axis=0), np.delete(counts, k)) for part in (recorded, seconds))
         if now.cost - other.cost <= 0.5 * limits.order_gain:
             return None
-    now, other = (fitted(*rows.by_second(each, pushed=True)) for each in (own, order))
+    pushed = rows.seconds(pushed=True)
+    now, other = (fitted(*rows.by_second(each, pushed)) for each in (own, order))
     return replace(best, known=now.cost - other.cost > limits.order_certain), most
 
 
@@ -248,8 +256,7 @@ def torque_step(footing: Footing) -> tuple[Finding, float] | None:
     spans = [] if rows is None else list(_spans(footing))
     if rows is None or not spans:
         return None
-    recorded = rows.columns(tuple(range(len(footing.robot.legs))))
-
+    recorded = rows.columns(tuple(range(len(footing.robot.legs)))) @ rows.root
     found, least = {k: _tested(rows, recorded, *spans[k]) for k in range(0, len(spans), 2)}, 2.0 * np.log(len(spans))
     if max(float(squares.max()) for squares, _ in found.values()) < least:
         return None
@@ -314,7 +321,7 @@ def _tested(rows: TrunkRows, recorded: Array, span: slice, at: int) -> tuple[Arr
     after = (np.arange(len(A)) >= 6 * at)[:, None]
     columns, p = np.hstack([both, offset * after, offset]), both.shape[1]
     trunk = np.hstack([A, A[:, :4] * after])
-    products = _less(columns, trunk, limits)
+    products = _less(columns, _explained(trunk, limits))
     fit = Likelihood.of(products[:p, :p], len(A) - trunk.shape[1], limits.order_repeated)
     if fit.variance > limits.order_repeated * limits.step_scatter**2:
         return np.full((2, n), -np.inf), np.zeros((2, n))

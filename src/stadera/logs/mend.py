@@ -62,7 +62,7 @@ class Mend:
         """Corrected values (samples, 3) of a gyro or accelerometer."""
         if self.turn and not (self.gyro_alone and quantity != GYRO):
             values = values @ np.array(self.turn).T
-        return self.factors.get(quantity, 1.0) * values
+        return self.factors[quantity] * values if quantity in self.factors else values
 
     def _imu(self, imu: Imu) -> Imu:
         orientation, force = imu.orientation, imu.linear_acceleration
