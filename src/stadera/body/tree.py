@@ -199,6 +199,10 @@ class Body:
     def _padded(self) -> NDArray[np.int64]:
         return np.array([[*leg, *[-1] * (self.most - len(leg))] for leg in self.legs], dtype=np.int64)
 
+    @cached_property
+    def _all_bear(self) -> Bools:
+        return np.ones(len(self.legs), dtype=bool)
+
     def friction(self, velocity: Array, sliding: Array) -> Array:
         """Torque of friction and offsets (N, n) [N·m]; the velocities `sliding` determine Coulomb friction's direction
         (`stadera.body.friction`).
@@ -283,11 +287,11 @@ class Body:
             self.sizes,
             self.points,
             self.about,
-            np.ones(legs, dtype=bool) if bears is None else bears,
+            self._all_bear if bears is None else bears,
             joints,
             trunk,
             offset,
-            *(getattr(out, name) for name in State.__dataclass_fields__),
+            *vars(out).values(),
         )
         out.torque[:] += self.armature * motion.acceleration
         return out

@@ -18,6 +18,8 @@ import numpy as np
 from stadera.inertia import skews
 from stadera.types import Array, Bools
 
+_UNIT = np.eye(3)
+
 
 @dataclass(frozen=True)
 class GroundSettings:
@@ -86,7 +88,7 @@ class GroundNormal:
         for b in np.flatnonzero(used):
             known[b] = keep[b] * (turn[b] @ self._lines @ turn[b].T)
             self._lines = known[b] + more[b]
-        level = np.eye(3) - up[:, :, None] * up[:, None]
+        level = _UNIT - up[:, :, None] * up[:, None]
         normal = np.linalg.eigh(known + settings.level * level)[1][:, :, 0]
         return np.asarray(normal * np.where((normal * up).sum(axis=1) < 0.0, -1.0, 1.0)[:, None])
 
@@ -96,7 +98,7 @@ def turned(angular_velocity: Array, duration: Array) -> Array:
     angular velocities (B, 3).
     """
     turn = skews(-duration[:, None] * angular_velocity)
-    return np.asarray(np.eye(3) + turn + 0.5 * turn @ turn)
+    return np.asarray(_UNIT + turn + 0.5 * turn @ turn)
 
 
 def ground_normal(feet: Array, stance: Bools, up: Array) -> Array:

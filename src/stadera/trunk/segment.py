@@ -83,7 +83,7 @@ class WeightedRows(Equations):
     limbs: Array | None = None
     limb_weight: float = 1.0
 
-    @property
+    @cached_property
     def sliding(self) -> float:
         """Share of the joints that slide, whose direction of friction is known [1]."""
         return float(self.slides.any(axis=0).mean())
@@ -187,15 +187,17 @@ class Segment:
         """The rows without what friction may hide in them, see the module's text. While a robot has only stood all are
         alike, and left as they are.
         """
-        free, moves = self.slid.all(axis=0), self.moves(rows)
-        if rows.hidden is None or not (self.moved or moves):
+        if rows.hidden is None or not ((moves := self.moves(rows)) or self.moved):
             return rows
+        free = self.slid.all(axis=0)
         columns = rows.columns.copy()
         if moves:  # what a robot that has stopped holds lasts
             C, place = columns[:, 11:], self.layout.places
             lifts = np.sign(columns[:3, 0] @ C[:3, place["offset"]])  # the sign of `stiction`, see `stadera.trunk.rows`
             C[:, place["standstill"]] -= free * lifts * C[:, place["stiction"]]
             C[:, place["stiction"]] *= np.where(free, rows.rests, 1.0)
+        if free.all():
+            return replace(rows, columns=columns, hidden=None)
         felt = discounted(np.hstack([columns, np.eye(6)]), rows.hidden * ~free)
         share = float((felt[:, -6:] ** 2).sum()) / 6.0
         return replace(rows, columns=felt[:, :-6], share=share, hidden=None)
@@ -398,7 +400,7 @@ def weighted(
     limbs = None if rows.limbs is None or of_limbs is None else rows.limbs / of_limbs[:, None]
     held: Array | None = None
     if static is not None:
-        held = static[1] * np.sum([columns[:, 11:][:, place] for place in static[0]], axis=0)
+        held = static[1] * sum(columns[:, 11:][:, place] for place in static[0])
     return WeightedRows(
         rows.time,
         columns,

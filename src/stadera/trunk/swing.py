@@ -168,5 +168,8 @@ class SwingJoints:
 
 def inverse_of(factor: Array) -> Array:
     """The inverse of a symmetric matrix (n, n), given its Cholesky factor, the upper triangle."""
-    upper = np.triu(lapack.dpotri(factor)[0])
-    return np.asarray(upper + np.triu(upper, 1).T)
+    inverse = lapack.dpotri(factor)[0]  # its upper triangle; below are zeros, as in the factor
+    diagonal = inverse.diagonal().copy()
+    inverse = inverse + inverse.T
+    np.fill_diagonal(inverse, diagonal)
+    return np.asarray(inverse)

@@ -16,6 +16,7 @@ from stadera.inertia import skew
 from stadera.types import Array
 
 _PRODUCTS = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
+_UNIT = np.eye(3)
 SIGNALS = 6 + len(_PRODUCTS)
 """Number of signals: specific force, angular acceleration, products of the angular velocity."""
 
@@ -33,12 +34,12 @@ def trunk_matrix(signals: Array) -> Array:
 
 def wrench_of_specific_force(mass: float, first_moment: Array) -> Array:
     """Derivative (6, 3) of a body's inertial wrench with respect to the specific force, [m 1 ; [h]x]."""
-    return np.vstack([mass * np.eye(3), skew(first_moment)])
+    return np.concatenate([mass * _UNIT, skew(first_moment)])
 
 
 def wrench_of_angular_acceleration(first_moment: Array, inertia: Array) -> Array:
     """Derivative (6, 3) of a body's inertial wrench with respect to the angular acceleration, [-[h]x ; I]."""
-    return np.vstack([-skew(first_moment), inertia])
+    return np.concatenate([-skew(first_moment), inertia])
 
 
 def _trunk_map() -> Array:
