@@ -6,13 +6,13 @@ from pathlib import Path
 
 import pytest
 
-nbformat = pytest.importorskip("nbformat", reason="needs pip install 'stadera[docs]'")
-nbclient = pytest.importorskip("nbclient", reason="needs pip install 'stadera[docs]'")
 NOTEBOOKS = sorted((Path(__file__).resolve().parent.parent / "examples" / "notebooks").glob("*.ipynb"))
 
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 def test_runs(path: Path) -> None:
+    nbformat = pytest.importorskip("nbformat", reason="needs pip install 'stadera[docs]'")
+    nbclient = pytest.importorskip("nbclient", reason="needs pip install 'stadera[docs]'")
     book = nbformat.read(path, as_version=4)
     client = nbclient.NotebookClient(book, timeout=300, resources={"metadata": {"path": str(path.parent)}})
     client.execute()

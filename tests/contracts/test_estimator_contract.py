@@ -238,9 +238,9 @@ def test_never_believes_what_cannot_be(method: str, seed: int, size: float) -> N
     rng, estimator = np.random.default_rng(seed), made(method)
     exact = TRUTH.measurement(0.0, STANCE)
     wrong = size * rng.standard_normal(12)
-    for k in range(120):
+    for k in range(60):
         effort = exact.effort + wrong + 0.1 * size * rng.standard_normal(12)
-        estimator.update(replace(exact, time=DT * k, effort=effort))
+        estimator.update(replace(exact, time=2.0 * DT * k, effort=effort))
         trunk = estimator.estimate().trunk
         assert BOUNDS.contains(trunk)
         assert trunk.mass > 0
@@ -253,8 +253,8 @@ def test_an_estimate_that_runs_away_is_named(method: str) -> None:
     hollow, estimator, time = StandingRobot(ROBOT, -0.95 * trunk.mass, (x, y, z)), made(method), 0.0
     for pose in poses_of(method):
         there = hollow.measurement(0.0, at_pose(pose).joint_position, at_pose(pose).rotation)
-        for _ in range(round(10.0 / DT / len(poses_of(method)))):
-            time += DT
+        for _ in range(round(10.0 / 0.02 / len(poses_of(method)))):
+            time += 0.02
             estimator.update(replace(there, time=time))
     estimate = estimator.estimate()
     assert estimate.status is Status.REFUSED
@@ -277,7 +277,7 @@ def test_is_as_sure_as_it_may_be(method: str, seeds: range) -> None:
             feet=0.4 * WIDE_FOOT * rng.standard_normal((4, 3)) if wide else None,
         )
         poses = poses_of(method) if wide else poses_of(method)[:5]
-        estimate = fed(method, errors=errors, seed=seed, poses=poses, seconds=8.0 if wide else 5.0, dt=0.02)
+        estimate = fed(method, errors=errors, seed=seed, poses=poses, seconds=8.0 if wide else 5.0, dt=0.04)
         seen = estimate.observed
         off = (estimate.value - np.array([TRUTH.trunk_mass, *TRUTH.trunk_com]))[seen]
         squares += float(off @ np.linalg.solve(estimate.covariance[np.ix_(seen, seen)], off))
@@ -291,7 +291,7 @@ def test_is_as_sure_as_it_may_be(method: str, seeds: range) -> None:
 
 def test_neither_the_clock_nor_being_asked_changes_it(method: str) -> None:
     quiet, asked, later = made(method), made(method), made(method)
-    how = {"seconds": 3.0, "dt": 2.0**-6}
+    how = {"seconds": 3.0, "dt": 2.0**-5}
     for measurement in stream(method, quiet, **how):  # type: ignore[arg-type]
         quiet.update(measurement)
     for measurement in stream(method, asked, **how):  # type: ignore[arg-type]

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from logs_to_play import Swing
-from stadera.fleet.pool import Pool
+from stadera.fleet.pool import _CONFIG, Pool
 from stadera.lab.plant.leg import simulate_leg
 from stadera.lab.plant.sensors import STANDARD
 from stadera.logs import write_table
@@ -33,7 +33,7 @@ def logs(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def cluster() -> Iterator[Pool]:
     """A scheduler of its own with two workers, on loopback."""
     distributed = pytest.importorskip("distributed")
-    patient = {"distributed.deploy.lost-worker-timeout": "1 hour", "distributed.scheduler.allowed-failures": 1}
+    patient = {**_CONFIG, "distributed.scheduler.allowed-failures": 1}
     options = {"n_workers": 2, "threads_per_worker": 1, "dashboard_address": "127.0.0.1:0", "silence_logs": 50}
     with dask.config.set(patient), distributed.LocalCluster(**options) as local:
         yield Pool(scheduler=local.scheduler_address)

@@ -82,6 +82,11 @@ def test_a_load_put_on_is_noticed_weighed_and_walked_on_with(load: float):
     assert found.mass == pytest.approx(expected.trunk_mass, abs=0.02)
     assert found.com_trunk[:2] == pytest.approx(expected.trunk_com[:2], abs=1e-3)
     assert day.supervisor.trunk is found
+    payload = day.supervisor.payload  # told by difference
+    assert payload is not None
+    assert payload.mass == pytest.approx(load, abs=0.02)
+    assert payload.com[:2] == pytest.approx(PLACE[:2], abs=0.01)
+    assert np.isnan(payload.com[2]), "one level pose shows no height"
     assert day.walker.walking
     assert all(a.after is b.before and a.time <= b.time for a, b in pairwise(day.supervisor.transitions))
 
@@ -91,14 +96,6 @@ def test_a_load_taken_off_is_noticed_too():
     assert day.states == [*ROUND, *ROUND[1:]]
     assert "changed by −10.0" in day.supervisor.transitions[5].reason
     assert day.walker.models[-1].mass == pytest.approx(HYQ.inertias[HYQ.trunk].mass, abs=0.02)
-
-
-def test_payload_is_told_by_difference():
-    payload = Day().meets(0.0, 3.0).meets(10.0, 8.0).supervisor.payload
-    assert payload is not None
-    assert payload.mass == pytest.approx(10.0, abs=0.02)
-    assert payload.com[:2] == pytest.approx(PLACE[:2], abs=0.01)
-    assert np.isnan(payload.com[2]), "one level pose shows no height"
 
 
 def test_a_weighing_that_does_not_converge_leaves_the_old_trunk_and_stands():
