@@ -16,16 +16,20 @@ from stadera.robot import load_robot
 def test_every_motion_has_loads_on_trunk_and_hand() -> None:
     grid = cases(ReproduceSettings(seeds=2))
     assert len(set(grid)) == len(grid) == 2 * len(MOTIONS) * 4
+    assert {(case.robot, case.scenario) for case in cases(ReproduceSettings(quick=True))} >= {
+        ("g1", "step"),
+        ("talos", "step"),
+    }
 
 
 def test_errors_are_counted_by_load() -> None:
     good = {"fell": None, "verdict": "good", "robot_mass": 30.0, "true_mass": 3.0, "mass": 3.03, "std": 0.03}
     runs = [good | {"at": "", "found_at": ""}, good | {"at": "hand", "found_at": "", "mass": 3.3}, {"fell": "fell"}]
-    grid = [CarryCase("g1", "shake", "trunk", "real", 0), CarryCase("g1", "shake", "hand", "real", 0)]
+    grid = [CarryCase("g1", "shake", "trunk", "real", 0), CarryCase("g1", "step", "hand", "real", 0)]
     found = summary([*grid, CarryCase("g1", "squat", "hand", "real", 0)], runs)
     values = {(*record.case.values(), record.metric): record.value for record in found.records}
-    assert values["trunk", "real", "payload's mass, median"] == pytest.approx(0.1)
-    assert values["hand", "real", "payload's mass, median"] == pytest.approx(1.0)
+    assert values["shake", "trunk", "real", "payload's mass, median"] == pytest.approx(0.1)
+    assert values["step", "hand", "real", "payload's mass, median"] == pytest.approx(1.0)
     assert found.facts["Robots that fell"] == "1"
 
 

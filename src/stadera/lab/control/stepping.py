@@ -42,6 +42,7 @@ class StepSettings:
     level: float = 2.0  # time constant of the ground's height
     clearance: float = 0.06  # of the feet, share of the legs' length
     sole: float = 0.7  # share of the soles within which the centre of pressure is moved
+    ankle: float = 0.65  # share of the ankles' effort limit with which they hold the weight
     gain: float = 2.5  # largest of the centre of pressure to an error of ξ on one foot
     press: float = 3.0  # the same on both feet
     load: float = 0.8  # of the observer of the centre of mass
@@ -56,6 +57,9 @@ class StepSettings:
     down: float = 4.0  # acceleration with which it is [m/s²]
     foot: float = 40.0  # natural frequency of the tracking of feet in the air, damped critically [rad/s]
     slides: float = 0.05  # speed of a joint in the plan from which its whole friction is compensated [rad/s]
+    # inertia for which joints outside the legs are held at least [kg·m² per N·m of the effort limit], that of usual
+    # rotors: a load that the controller does not know would swing at the end of an arm without
+    rotor: float = 3e-4
     ahead: int = 4  # steps that are planned
 
 
@@ -73,6 +77,10 @@ class Stepping(WholeBody):
         drives = [robot.dynamics[joint] for joint in robot.tree.joints]
         self._coulomb, self._viscous = (np.array([getattr(d, k) for d in drives]) for k in ("coulomb", "viscous"))
         self._points = np.repeat([0, 1], [len(points) for points, _ in self._soles])
+        usual = np.where(np.isfinite(self._effort), self.settings.rotor * self._effort, 0.0)
+        self._rotors = np.maximum(usual - [d.armature for d in drives], 0.0)[arms.first :]
+        ankle = min(robot.limits[joint].effort for leg in robot.legs for joint in leg.joints[-2:])
+        self._lever = self.settings.ankle * ankle / (robot.mass * GRAVITY)
         self._speed: float | None = None  # [m/s]; None before it walks
         self._omega = self._height = self._level = 0.0
         self._next, self._path = 0, None  # foot that is lifted next, or in the air; its trajectory
@@ -202,11 +210,15 @@ class Stepping(WholeBody):
             self._path = replace(path, target=np.array([*foot, height]))
 
     def _inside(self, seen: Seen, feet: tuple[int, ...], pressure: Array) -> Array:
-        """The centre of pressure (2,) [m] within the soles of feet, or the rectangle around both."""
-        axes = seen.turned[feet[0]][:2, :2]
-        half = 0.5 * self.settings.sole * np.ptp(self._soles[feet[0]][0], axis=0)[:2]
-        middles = self._middles[list(feet)] @ axes
-        return np.asarray(axes @ np.clip(axes.T @ pressure, middles.min(axis=0) - half, middles.max(axis=0) + half))
+        """The centre of pressure (2,) [m] within the soles of feet, or the rectangle around both, and near ankles."""
+        axes, bounds = seen.turned[feet[0]][:2, :2], []
+        for foot in feet:
+            half = 0.5 * self.settings.sole * np.ptp(self._soles[foot][0], axis=0)[:2]
+            ankle = self.position + seen.feet[foot] - seen.turned[foot] @ self.robot.legs[foot].foot_position
+            middle, centre = self._middles[foot] @ axes, ankle[:2] @ axes
+            bounds.append(np.clip([middle - half, middle + half], centre - self._lever, centre + self._lever))
+        low, high = np.min(bounds, axis=(0, 1)), np.max(bounds, axis=(0, 1))
+        return np.asarray(axes @ np.clip(pressure @ axes, low, high))
 
     def _reachable(self, leg: int, moved: Array) -> Array:
         """A displacement (2,) [m] of a leg's foothold, or the largest in its direction that does not cross the legs."""

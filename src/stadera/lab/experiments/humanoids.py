@@ -1,7 +1,7 @@
 """Humanoids and a quadruped with an arm that carry a load on the back or in a hand, weighed as a user would."""
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -17,7 +17,8 @@ from stadera.robot.model import Robot
 from stadera.weigh.weigh import weigh
 
 PAPER = Paper.of("humanoids")
-MOTIONS = (("g1", "shake"), ("g1", "squat"), ("talos", "shake"), ("talos", "squat"), ("b1_z1", "trot"))
+MOTIONS = (*product(("g1", "talos"), ("shake", "squat", "step")), ("b1_z1", "trot"))
+LONGER = {"step": 12.0}  # [s], of a log of which the first two are a stand and the first shift of the weight
 
 
 @dataclass(frozen=True)
@@ -35,12 +36,13 @@ class CarryCase:
 
 
 def cases(settings: ReproduceSettings) -> list[CarryCase]:
-    """All combinations; one motion of each robot in a quick study."""
-    motions = MOTIONS[::2] if settings.quick else MOTIONS
+    """All combinations; a quick study is without squats."""
+    motions = [motion for motion in MOTIONS if not (settings.quick and motion[1] == "squat")]
     found = []
     for (robot, scenario), k in product(motions, range(settings.seeds or 1)):
+        one = CarryCase(robot, scenario, "trunk", "ideal", settings.seed + k, duration=LONGER.get(scenario, 8.0))
         found += [
-            CarryCase(robot, scenario, p, e, settings.seed + k) for p in ("trunk", "hand") for e in ("ideal", "real")
+            replace(one, place=place, errors=errors) for place in ("trunk", "hand") for errors in ("ideal", "real")
         ]
     return found
 
@@ -102,9 +104,9 @@ _Pairs = Sequence[tuple[CarryCase, Outcome]]
 
 
 def summary(grid: Sequence[CarryCase], runs: Sequence[Outcome]) -> ExperimentResult:
-    """A table by robot and place."""
+    """A table by robot, motion and place."""
     pairs = [(case, run) for case, run in zip(grid, runs, strict=True) if run["fell"] is None]
-    table = _table("Payloads", pairs, lambda case: f"{case.robot}, {case.place}, {case.errors}")
+    table = _table("Payloads", pairs, lambda case: f"{case.robot}, {case.scenario}, {case.place}, {case.errors}")
     return PAPER.result(_records(pairs), (table,), facts={"Robots that fell": str(len(runs) - len(pairs))})
 
 
@@ -134,8 +136,8 @@ def _table(title: str, pairs: _Pairs, key: Callable[[CarryCase], str]) -> TableD
 
 
 def _records(pairs: _Pairs) -> Iterator[Record]:
-    for (place, errors), own in grouped(pairs, lambda case: (case.place, case.errors)).items():
-        given, case = _given(own), {"load": place, "errors": errors}
+    for (motion, place, errors), own in grouped(pairs, lambda case: (case.scenario, case.place, case.errors)).items():
+        given, case = _given(own), {"motion": motion, "load": place, "errors": errors}
         yield from PAPER.spread(case, "payload's mass", "%", [_error(run) for run in given], (None, None))
         yield PAPER.record(case, "share with a figure", "1", len(given) / len(own))
 
