@@ -86,7 +86,7 @@ class WeightedRows(Equations):
     @cached_property
     def sliding(self) -> float:
         """Share of the joints that slide, whose direction of friction is known [1]."""
-        return float(self.slides.any(axis=0).mean())
+        return float(np.count_nonzero(self.slides.any(axis=0)) / self.slides.shape[1])
 
     def weighing(self, weight: float) -> WeightedRows:
         """The same with another weight."""
