@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import os
+import pickle
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import wraps
 from pathlib import Path
 
 import pytest
 from hypothesis import settings
 
+from sharing import shared
 from stadera.cli import main
 from stadera.excite.trunk import design
 from stadera.robot.model import Robot
@@ -55,21 +58,26 @@ def shared_data() -> Path:
 
 
 @pytest.fixture(autouse=True, scope="session")
-def bars_of_named_robots() -> Iterator[None]:
-    """What a sway and ten steps bring is computed once a robot, not once for every command that loads it."""
+def bars_of_named_robots(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """What a sway and ten steps bring is computed once a robot, for a tenth of its weight, not once for every load and
+    process; `weigh/test_next_steps.py` asks for it as it is.
+    """
     with pytest.MonkeyPatch.context() as patch:
         for name in ("undesigned_bars", "bars_of_steps"):
-            patch.setattr(design, name, once(getattr(design, name)))
+            patch.setattr(design, name, once(getattr(design, name), tmp_path_factory))
         yield
 
 
-def once(bars: Callable[[Robot, float], object]) -> Callable[[Robot, float], object]:
-    known: dict[tuple[str, float, float], object] = {}
+def once(bars: Callable[[Robot, float], object], factory: pytest.TempPathFactory) -> Callable[[Robot, float], object]:
+    known: dict[tuple[str, float], object] = {}
 
-    def found(robot: Robot, load: float) -> object:
-        key = robot.name, robot.mass, load
+    @wraps(bars)
+    def found(robot: Robot, _: float) -> object:
+        key = robot.name, robot.mass
         if key not in known:
-            known[key] = bars(robot, load)
+            name = f"{bars.__name__}-{robot.name}-{robot.mass!r}"
+            folder = shared(factory, name, lambda to: (to / "bars").write_bytes(pickle.dumps(bars(robot, 0.1))))
+            known[key] = pickle.loads((folder / "bars").read_bytes())
         return known[key]
 
     return found

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from stadera import TrunkEstimator, load_robot
+from stadera.excite.trunk import design
 from stadera.excite.trunk.design import RoutineSettings, undesigned_bars
 from stadera.excite.trunk.planted import Drawn, Planted
 from stadera.inertia import InertialParameters
@@ -16,6 +17,13 @@ from stadera.weigh.next_steps import NextStep, UseLimits, next_steps, steps_know
 
 GO2 = load_robot("go2")
 LOAD = InertialParameters.from_com(1.0, (0.0, 0.0, 0.1), 0.002 * np.eye(3))
+
+
+@pytest.fixture(autouse=True)
+def bars_as_they_are(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of the load that is asked about, not those that all tests share."""
+    for name in ("undesigned_bars", "bars_of_steps"):
+        monkeypatch.setattr(design, name, getattr(design, name).__wrapped__)
 
 
 @cache
