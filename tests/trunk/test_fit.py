@@ -10,6 +10,7 @@ import pytest
 
 from layout import ERRORS, LAYOUT, PLACES, rows_of
 from stadera.lab.plant.sensors import STANDARD
+from stadera.logs import Recording
 from stadera.robot import load_robot
 from stadera.robot.imu import ImuMount
 from stadera.trunk import TrunkEstimator
@@ -31,7 +32,7 @@ RATE, BLOCK = 500.0, 10
 STAND = Walk(seconds=1.0, rate_hz=RATE, speed=0.0, period=0.0, tilt=0.0, sway=0.0)
 WALK = Walk(seconds=1.6, rate_hz=RATE)
 ROBOT = load_robot("hyq")
-DRAWS = 150
+DRAWS = 100
 
 
 @cache
@@ -117,14 +118,19 @@ def test_sampling_errors_that_resemble_late_torques_leave_no_negative_energy() -
     assert Fit.of(summed, errors).misfit >= 0.0
 
 
+@cache
+def walk_log() -> Recording:
+    return recorded(ROBOT, walked(ROBOT, WALK), STANDARD)
+
+
 @pytest.mark.parametrize("name", [size.name for size in fields(ModelErrors)])
 def test_an_error_that_is_taken_to_be_none_explains_nothing(name: str) -> None:
     """With feet a quarter of a leg off in the model, so that much is left to explain."""
-    motion, settings = walked(ROBOT, WALK), TrunkSettings(model=replace(ModelErrors(), **{name: 0.0}))
+    settings = TrunkSettings(model=replace(ModelErrors(), **{name: 0.0}))
     moved = [replace(leg, foot_position=tuple(np.add(leg.foot_position, [0.0, 0.0, 0.2]))) for leg in ROBOT.legs]
     wrong = replace(ROBOT, legs=tuple(moved))
     estimator = TrunkEstimator(wrong, settings=settings)
-    estimator.add(Samples.of_recording(recorded(ROBOT, motion, STANDARD), wrong))
+    estimator.add(Samples.of_recording(walk_log(), wrong))
     assert estimator.trust.misfit > settings.doubtful
     assert "the residual is" in estimator.trust.reasons[0]
     assert not any(CAUSES.get(name, "nothing") in reason for reason in estimator.trust.reasons)
