@@ -61,7 +61,7 @@ def test_a_load_along_the_vertical_through_a_foot_is_that_legs(robot: Robot, leg
 def test_what_is_doubted(robot: Robot) -> None:
     stands, foot = footprint(robot), feet(robot)[1]
     found = {
-        share: list(doubts(robot, with_load(robot, share * robot.mass, foot), None, stands, LIMITS))
+        share: list(doubts(robot, with_load(robot, share * robot.mass, foot), 0.0, None, stands, LIMITS))
         for share in (0.2, -0.2, 0.05, -0.05)
     }
     assert [verdict for verdict, _ in found[0.2]] == ["doubtful"]
@@ -69,21 +69,29 @@ def test_what_is_doubted(robot: Robot) -> None:
     assert all("RF" in found[share][0][1] for share in (0.2, -0.2))
     assert found[0.05] == found[-0.05] == []
     edge = [with_load(robot, -share * LIMITS.least * robot.mass, foot) for share in (0.95, 1.05)]
-    assert [len(list(doubts(robot, load, None, stands, LIMITS))) for load in edge] == [0, 1]
+    assert [len(list(doubts(robot, load, 0.0, None, stands, LIMITS))) for load in edge] == [0, 1]
     half_way = 0.5 * (foot + feet(robot).mean(axis=0))
-    assert not list(doubts(robot, with_load(robot, 0.3 * robot.mass, half_way), None, stands, LIMITS))
+    assert not list(doubts(robot, with_load(robot, 0.3 * robot.mass, half_way), 0.0, None, stands, LIMITS))
     centre = robot.inertias[robot.trunk].com
     for share, said in ((-0.15, "15 % less"), (0.9, "1.9 times")):
-        ((verdict, reason),) = doubts(robot, with_load(robot, share * robot.mass, centre), None, stands, LIMITS)
+        ((verdict, reason),) = doubts(robot, with_load(robot, share * robot.mass, centre), 0.0, None, stands, LIMITS)
         assert verdict == "doubtful"
         assert said in reason
+
+
+def test_what_the_bars_allow_for_is_not_doubted(robot: Robot) -> None:
+    stands, centre = footprint(robot), robot.inertias[robot.trunk].com
+    for share, at in ((-0.15, centre), (0.9, centre), (0.2, feet(robot)[1]), (-0.2, feet(robot)[1])):
+        load, std = with_load(robot, share * robot.mass, at), 0.36 * abs(share) * robot.mass
+        assert not list(doubts(robot, load, std, None, stands, LIMITS))
+        assert list(doubts(robot, load, 0.8 * std, None, stands, LIMITS))
 
 
 def test_feet_that_step_say_nothing_of_one_leg(robot: Robot) -> None:
     steps = footprint(robot, sway=0.05)
     assert not steps.stood
     assert footprint(robot).stood
-    assert not list(doubts(robot, with_load(robot, 0.2 * robot.mass, feet(robot)[0]), None, steps, LIMITS))
+    assert not list(doubts(robot, with_load(robot, 0.2 * robot.mass, feet(robot)[0]), 0.0, None, steps, LIMITS))
     with pytest.raises(StaderaError):
         AgreementLimits(least=0.0)
 
@@ -91,7 +99,7 @@ def test_feet_that_step_say_nothing_of_one_leg(robot: Robot) -> None:
 def test_a_dead_leg_is_refused_and_a_load_above_a_foot_said_to_look_alike(robot: Robot) -> None:
     x, y, _ = (float(v) for v in feet(robot)[2])
     settings = SimulateSettings("standard", Load(2.5, at=(x, y, 0.1)), duration=2.5, seed=1, load_time=1.2, hold=2)
-    log = simulate(robot, "stand", settings).recording
+    log = simulate(robot, "shake", settings).recording
     result = weigh(robot, log, (0.0, 1.1))
     assert result.trust.verdict == "doubtful"
     assert "right above foot LH" in result.trust.reasons[-1]

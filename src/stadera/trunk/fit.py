@@ -184,10 +184,10 @@ class ModelFit:
         self.friction: Array | None = None
         if any(leg.contact == FLAT for leg in robot.legs):
             self._usual = np.ones(self.model.layout.count)
-            for name in ("viscous", "coulomb", "stiction", "standstill"):
-                self._usual[self.model.layout.places[name]] = settings.gears
+            for name in ("stiction", "standstill"):
+                self._usual[self.model.layout.places[name]] = settings.model.gears
             held = self.model.variance[self.model.layout.sticking]
-            self.friction = settings.gears * np.sqrt(held)
+            self.friction = settings.model.gears * np.sqrt(held)
         self.fit: Fit | None = None
         self.swing_misfit: float | None = None
         self.due, self._trust = 0, None  # type: int, Trust | None

@@ -142,7 +142,7 @@ class Errors:
         without legs in the air its size is that before any row.
         """
         coulomb = self.layout.places["coulomb"]
-        square = model.dry**2 + model.variance[coulomb]
+        square = model.resting**2
         if swing.rows:
             square = (model.dry + self.mean[coulomb]) ** 2 + np.diagonal(self.covariance)[coulomb]
         ratio = model.held * np.sqrt(square) / np.maximum(np.sqrt(np.diagonal(sticking)), 1e-300)

@@ -83,8 +83,10 @@ class LoadChanges:
         if self._withdrawn(history, errors, rows.time):
             return Found.BACK
         before = history.aged
-        # friction of joints that stop would pass for a load against an estimate from joints that slide, or reversely
-        slides, slid = rows.sliding >= self._settings.changes.sliding, 2.0 * before.moved > before.weight
+        # friction of joints that stop would pass for a load against an estimate from joints that slide, or reversely:
+        # a robot that has stood begins to move joint by joint
+        slid = 2.0 * before.moved > before.weight
+        slides = rows.sliding >= self._settings.changes.sliding if slid else rows.sliding > 0.0
         jump = self.detector.look(history, errors, held or slides != slid)
         if jump is None or self.place(history, errors):
             return Found.SAME

@@ -80,6 +80,12 @@ class ModelErrors:
             deviation of their mean over some rests, as a share of `held` [1]. Assumed, as of two rests. With 0.5 places
             of payloads on 22 simulated crawls are 1.5 standard deviations off (rms), with 0.7 at most 1.1; with one
             bars of masses are a quarter wider.
+        gears: factor on the friction of legs on flat feet while they slide, and on what their fit allows for at rest
+            [1]. A model does not say whether their gears are planetary, as a G1's, whose static friction is 1.7 to
+            2.4 % of the limits (its maker's drives for simulators, Unitree RL Lab), or harmonic, as Talos' and iCub's,
+            which lose 2.5 times what two planetary stages do. All of a robot's are of one kind, and friction is
+            positive, so it is alike in all joints (`stadera.trunk.error_model`). With one, trunks of simulated squats
+            with harmonic gears are up to 5.5 standard deviations too light, with 2.5 at most 2.5.
         limbs: factor on the friction of joints in arms and other limbs [1]. Static friction of a G1's arms is 2.4 % of
             the limits, of its wrists 12 % (its maker's drives for simulators, Unitree RL Lab), of an arm's seven joints
             6.6 % root mean square.
@@ -112,6 +118,7 @@ class ModelErrors:
     sagging: float = 0.9
     renewed: float = 0.5
     rests: float = 0.7
+    gears: float = 2.5
     limbs: float = 3.0
 
     def __post_init__(self) -> None:
@@ -289,10 +296,6 @@ class TrunkSettings:
         size_spread: standard deviation of the logarithm of the size of each kind of model errors before any data [1],
             see `stadera.trunk.sizes`. The sizes in `ModelErrors` come from few robots; they are taken to be right for
             others within a factor of three (95 %).
-        gears: factor on the usual friction of legs on flat feet, with which their fit is evaluated [1]. A model does
-            not say whether their gears are planetary, as a G1's, whose static friction is 1.7 to 2.4 % of the limits
-            (its maker's drives for simulators, Unitree RL Lab), or harmonic, as Talos' and iCub's, which lose 2.5 times
-            what two planetary stages do.
         impact: half the difference between the forces of odd and of even samples above which a block is left out, share
             of the weight [1]: as much as a foot carries on four. The log's rate does not resolve the accelerations of
             such a block, and noise of that size in the equations' matrix makes the trunk lighter, which no error bar
@@ -324,7 +327,6 @@ class TrunkSettings:
     after_change: float = 0.3
     settled: float = 0.5
     size_spread: float = 0.55
-    gears: float = 2.5
     impact: float = 0.25
     stop: float = 0.015
     updated: int = 10
@@ -354,7 +356,6 @@ class TrunkSettings:
             "bridged",
             "lost_ground",
             "size_spread",
-            "gears",
             "explained",
             "compared",
             "stop",

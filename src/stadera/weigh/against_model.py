@@ -7,7 +7,8 @@ vertical force by some f and no other residual: near-vertical forces through the
 
 so mass m and first moment h of the trunk change as by a load right above that foot, or as by taking one away. A load of
 its own is rarely there, and never negative. A common factor of all torques is a load, too; then only its size tells.
-Steps break this: the foot's place and load vary, and a wrong torque leaves a residual.
+A size within the bars, such as what friction of one leg may hold, tells nothing. Steps break this: the foot's place and
+load vary, and a wrong torque leaves a residual.
 """
 
 from collections.abc import Iterator
@@ -19,7 +20,7 @@ from stadera.errors import require_positive
 from stadera.inertia import InertialParameters
 from stadera.robot.kinematics import foot_positions
 from stadera.robot.model import Robot
-from stadera.trunk.load import Payload
+from stadera.trunk.load import SIGNIFICANT, Payload
 from stadera.trunk.samples import Samples
 from stadera.trust import Verdict
 from stadera.types import Array
@@ -124,28 +125,35 @@ class Footprint:
 
 
 def doubts(
-    robot: Robot, trunk: InertialParameters, payload: Payload | None, footprint: Footprint, limits: AgreementLimits
+    robot: Robot,
+    trunk: InertialParameters,
+    std: float,
+    payload: Payload | None,
+    footprint: Footprint,
+    limits: AgreementLimits,
 ) -> Iterator[tuple[Verdict, str]]:
     """Verdict and reason of what torques with an error would explain: of the trunk as weighed, with all that is on it,
-    and of the payload since the tare, None without one.
+    its mass known to `std` [kg], and of the payload since the tare, None without one.
     """
     difference = trunk - robot.inertias[robot.trunk]
     found: list[tuple[Verdict, str]] = []
     if footprint.stood:
         added = None if payload is None or payload.at else payload.parameters
-        loads = [difference] if added is None else [difference - added, added]
-        found = [doubt for load in loads for doubt in _of_one_leg(robot, load, footprint, limits)]
+        loads = [(difference, std)]
+        if added is not None and payload is not None:
+            loads = [(difference - added, std), (added, payload.mass_std)]
+        found = [doubt for load in loads for doubt in _of_one_leg(robot, *load, footprint, limits)]
     if footprint.lay:
         text = "the trunk is as low as the feet: it may lie on the ground"
         yield "doubtful", f"{text}, which then carries a part that no leg feels"
-    yield from found[:1] or _of_all(difference.mass / robot.mass, limits)
+    yield from found[:1] or _of_all(difference.mass / robot.mass, SIGNIFICANT * std / robot.mass, limits)
 
 
 def _of_one_leg(
-    robot: Robot, load: InertialParameters, footprint: Footprint, limits: AgreementLimits
+    robot: Robot, load: InertialParameters, std: float, footprint: Footprint, limits: AgreementLimits
 ) -> Iterator[tuple[Verdict, str]]:
     leg, force, left = footprint.above(load.mass, load.vector[1:4])
-    name, felt = robot.legs[leg].name, abs(force) / robot.mass > limits.least
+    name, felt = robot.legs[leg].name, abs(force) > max(limits.least * robot.mass, SIGNIFICANT * std)
     if felt and force < 0.0 and left < limits.missing:
         text = f"the robot would weigh {-force:.3g} kg less than expected, all of it above foot {name}"
         yield "bad", f"{text}: the torques of {name} read too little"
@@ -154,11 +162,11 @@ def _of_one_leg(
         yield "doubtful", f"{text}: while it stands, torques of {name} that read too much look the same"
 
 
-def _of_all(share: float, limits: AgreementLimits) -> Iterator[tuple[Verdict, str]]:
-    """By the difference in mass, as a share of the robot's."""
-    if share < -limits.lighter:
+def _of_all(share: float, unsure: float, limits: AgreementLimits) -> Iterator[tuple[Verdict, str]]:
+    """By the difference in mass, and how much of it the bars allow for, as shares of the robot's."""
+    if share < -max(limits.lighter, unsure):
         yield "doubtful", f"the robot would weigh {-100 * share:.0f} % less than its model: torques read too little"
-    elif share > limits.heavier:
+    elif share > max(limits.heavier, unsure):
         text = f"the robot would weigh {1 + share:.2g} times what its model does"
         yield "doubtful", f"{text}: torques in another unit or with another gear ratio look the same"
 

@@ -26,6 +26,7 @@ from stadera.trunk.measurement import Measurement, measurements_of, rotation_mat
 from stadera.trunk.memory import Memory, days_of
 from stadera.trunk.protocol import Status, TrunkEstimate, Weigher
 from stadera.trunk.registry import Setup, method_of
+from stadera.trunk.result import ObservedLimits
 from stadera.trunk.samples import Samples
 from stadera.trunk.standing.estimator import Stance, Vertical, level_axes
 from stadera.trunk.standing.forces import measurements_without_imu
@@ -205,11 +206,9 @@ class _LogPass:
 
     def tare(self, where: str) -> None:
         """Makes the present estimate of the trunk the reference for the payload."""
-        if not self.estimator.trunk.observed[0]:
-            why = (reason := self.estimator.estimate().reason) and f": {reason}"
-            raise IdentificationError(
-                f"{where}: too short, or too still, for a tare: the trunk's mass is not known by its end{why}"
-            )
+        if np.isnan((found := self.estimator.estimate()).time):
+            why = f": {found.reason}" if found.reason else ""
+            raise IdentificationError(f"{where}: too short for a tare: nothing is learnt by its end{why}")
         self.estimator.tare()
         if self._request.weight is not None and isinstance(self.estimator, TrunkEstimator):
             self.estimator.know_weight(*self._request.weight)  # the load may have changed since the beginning, unsaid
@@ -225,6 +224,7 @@ class _LogPass:
             estimator.know_payload(known.mass, known.com, known.mass_std, known.com_std)
         memory, said = self._remembered()
         payload = estimator.payload
+        self._require_known(payload)
         logs = [log] if self._before is None else [self._before.log, log]
         learnt = estimate.time - self._shift
         short = self._method.at_rest and self._time - learnt < self._request.settings.stale
@@ -278,6 +278,15 @@ class _LogPass:
             raise IdentificationError(
                 f"{log.source.source}: the robot does not stand still after the tare's time, "
                 f"{self._tared_at - log.begin:.3g} s"
+            )
+
+    def _require_known(self, payload: Payload | None) -> None:
+        """Raises IdentificationError: the load since the tare, the difference of two masses, is not known."""
+        most = np.sqrt(2.0) * ObservedLimits().mass * self._request.robot.mass
+        if payload is not None and not payload.mass_std < most:
+            raise IdentificationError(
+                f"{self.log.source.source}: the load since the tare is known to ± {payload.mass_std:.2g} kg only: the "
+                "tare or what follows it is too short, or too still"
             )
 
     def _uncovered(self) -> Iterator[str]:
@@ -390,7 +399,7 @@ class _LogPass:
                 trust = trust.at_most(*doubt)
         found = self.estimator.trunk
         if found.observed[0]:
-            limits = self._request.settings.model
-            for doubt in doubts(self._request.robot, found.inertial, payload, self._footprint, limits):
+            robot, limits = self._request.robot, self._request.settings.model
+            for doubt in doubts(robot, found.inertial, found.mass_std, payload, self._footprint, limits):
                 trust = trust.at_most(*doubt)
         return trust
