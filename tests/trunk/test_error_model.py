@@ -378,6 +378,24 @@ def test_gears_of_arms_have_more_friction() -> None:
     np.testing.assert_allclose(std["limb_stiction"], sizes.limbs * sizes.coulomb * limb_limits(robot))
 
 
+def test_gears_on_flat_feet_may_be_of_either_kind() -> None:
+    """Sliding friction is wider, and alike in all joints but identified ones; what holds a joint is as elsewhere."""
+    sizes, robot = ModelErrors(), load_robot("bolt")
+    assert {leg.contact for leg in robot.legs} == {3}
+    flat = replace(robot, legs=tuple(replace(leg, contact=6) for leg in robot.legs))
+    joint = robot.legs[0].joints[0]
+    known = flat.with_dynamics({joint: DYNAMICS}, {joint: JointDynamics(1e-3, 1e-3, 1e-3, 1e-3)})
+    point, both, found = (ErrorModel(each, sizes, robot.leg_length) for each in (robot, flat, known))
+    place, held = point.layout.places["coulomb"], point.layout.places["stiction"]
+    np.testing.assert_allclose(both.variance[place], sizes.gears**2 * point.variance[place])
+    np.testing.assert_allclose(both.variance[held], point.variance[held])
+    correlation = both.covariance[place, place] / np.sqrt(np.outer(both.variance[place], both.variance[place]))
+    least = correlation[~np.eye(len(correlation), dtype=bool)]
+    assert least.min() == pytest.approx(2.0 / np.pi)
+    assert least.max() == pytest.approx(sizes.alike)
+    assert not found.covariance[place, place][0, 1:].any()
+
+
 def test_other_dynamics_have_no_old_standard_deviations() -> None:
     model, std = load_robot("hyq"), JointDynamics(0.01, 0.1, 0.1, 0.1)
     joint, other = model.tree.joints[:2]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -92,6 +94,15 @@ def test_rows_of_limbs_count_with_the_variance_of_the_trunks() -> None:
     b = np.concatenate([known[:, 10], np.zeros(20), since[:, 10]])
     found = np.linalg.lstsq(A, b, rcond=None)[0]
     np.testing.assert_allclose(segment.load.mean(np.zeros(LAYOUT.count)), found[10:], rtol=1e-8, atol=1e-9)
+
+
+def test_residuals_of_limbs_are_not_the_trunks() -> None:
+    """Without a load elsewhere: each row's energy is in its own sum, and none is lost."""
+    rows = drawn(np.random.default_rng(6), None)
+    segment, alone = summed(rows), summed([replace(each, limbs=None) for each in rows])
+    np.testing.assert_allclose(segment.in_motion, alone.in_motion, rtol=1e-10)
+    of_limbs = np.vstack([each.limbs for each in rows if each.limbs is not None])[:, 10 : 11 + LAYOUT.count]
+    np.testing.assert_allclose(segment.of_limbs, of_limbs.T @ of_limbs, rtol=1e-9, atol=1e-9)
 
 
 def test_each_row_has_a_usual_size_of_its_own() -> None:

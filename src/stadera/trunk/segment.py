@@ -239,19 +239,22 @@ class Segment:
 
     @property
     def of_limbs(self) -> Array:
-        """The same of the limbs' rows, after eliminating φ."""
-        return self._remainders[2]
+        """The same of the limbs' rows, after eliminating φ if there is a load elsewhere."""
+        left = self.limbs[:, len(self.below) :] if self.held is None else np.zeros((0, 1 + self.layout.count))
+        return self._remainders[2] + left.T @ left
 
     @property
     def in_motion(self) -> Array:
-        """The same as `remainder` of blocks in which the legs move; what is left of the triangle is of limbs too."""
-        left = self._left(self.louder)
+        """The same as `remainder` of blocks in which the legs move; with a load elsewhere what is left of the triangle
+        is of limbs too.
+        """
+        left = self._left(0.0 if self.held is None else self.louder)
         return self._remainders[1] + left.T @ left
 
     @property
     def beyond(self) -> Array:
         """The same of blocks in which the legs move, and of limbs, without what a load somewhere may explain."""
-        return self._remainders[1] + self.louder * self.of_limbs
+        return self._remainders[1] + self.louder * self._remainders[2]
 
     def _left(self, louder: float) -> Array:
         """(..., 1 + errors), rows of the triangle that are left."""

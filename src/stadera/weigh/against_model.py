@@ -7,8 +7,9 @@ vertical force by some f and no other residual: near-vertical forces through the
 
 so mass m and first moment h of the trunk change as by a load right above that foot, or as by taking one away. A load of
 its own is rarely there, and never negative. A common factor of all torques is a load, too; then only its size tells.
-A size within the bars, such as what friction of one leg may hold, tells nothing. Steps break this: the foot's place and
-load vary, and a wrong torque leaves a residual.
+A size within the bars tells nothing, nor does a place above one of two feet, where friction puts it that holds a robot
+in one leg; that of four legs holds alike. Steps break this: the foot's place and load vary, and a wrong torque leaves a
+residual.
 """
 
 from collections.abc import Iterator
@@ -153,7 +154,8 @@ def _of_one_leg(
     robot: Robot, load: InertialParameters, std: float, footprint: Footprint, limits: AgreementLimits
 ) -> Iterator[tuple[Verdict, str]]:
     leg, force, left = footprint.above(load.mass, load.vector[1:4])
-    name, felt = robot.legs[leg].name, abs(force) > max(limits.least * robot.mass, SIGNIFICANT * std)
+    least = max(limits.least * robot.mass, SIGNIFICANT * std if len(robot.legs) == 2 else 0.0)
+    name, felt = robot.legs[leg].name, abs(force) > least
     if felt and force < 0.0 and left < limits.missing:
         text = f"the robot would weigh {-force:.3g} kg less than expected, all of it above foot {name}"
         yield "bad", f"{text}: the torques of {name} read too little"
