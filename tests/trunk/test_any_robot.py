@@ -26,7 +26,7 @@ from stadera.robot.catalog import _example_robot_data
 from stadera.trunk import Samples, TrunkEstimator
 from stadera.types import Array
 
-RATE, SECONDS, TARED, LOADED = 250.0, 9.0, 4.0, 4.5
+RATE, SECONDS, TARED, LOADED = 200.0, 9.0, 4.0, 4.5
 FILES = {
     "g1": "g1_description/urdf/g1_29dof_rev_1_0.urdf",
     "talos": "talos_data/robots/talos_full_v2.urdf",

@@ -40,7 +40,7 @@ def drawn(seed: int) -> Drawn:
 @cache
 def measured(robot: int, log: int, load: InertialParameters | None, later: float = 0.0) -> Samples:
     made = drawn(robot)
-    samples = made.measured(Planted.of(made.true, sway(log), 200.0), load)
+    samples = made.measured(Planted.of(made.true, sway(log), 125.0), load)
     return replace(samples, time=samples.time + later)
 
 
@@ -169,9 +169,9 @@ def test_ten_logs_days_apart_and_a_swapped_motor_in_the_sixth() -> None:
     for log in range(10):
         estimator, day = TrunkEstimator(GO2), 100.0 + 3.0 * log
         estimator.recall(memory, day)
-        estimator.add(made.measured(Planted.of(made.true, sway(log), 200.0)))
+        estimator.add(made.measured(Planted.of(made.true, sway(log), 125.0)))
         estimator.tare()
-        loaded = made.measured(Planted.of(made.true, sway(log + 50), 200.0), LOAD)
+        loaded = made.measured(Planted.of(made.true, sway(log + 50), 125.0), LOAD)
         estimator.add(replace(loaded, time=loaded.time + 4.5))
         if (payload := estimator.payload) is not None and log in (0, 9):
             bars.append(payload.mass_std)
