@@ -265,6 +265,7 @@ class Stepping(WholeBody):
         forces, arms = super()._forces(seen, needed)
         places = np.concatenate([own + place for own, place in zip(arms, seen.feet, strict=True)])
         up = np.concatenate(forces)[:, 2]
-        self._realised = (self.position + up @ places / max(float(up.sum()), 1.0))[:2]
-        self._carried = np.array([float(f[:, 2].sum()) for f in forces]) / max(float(up.sum()), 1.0)
+        if (total := float(up.sum())) > self.settings.light * self.robot.mass * GRAVITY:
+            self._realised = (self.position + up @ places / total)[:2]
+            self._carried = np.array([float(f[:, 2].sum()) for f in forces]) / total
         return forces, arms
