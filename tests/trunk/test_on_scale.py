@@ -90,7 +90,7 @@ def test_it_is_gaussian_conditioning(alike: float) -> None:
 def loaded() -> Recording:
     """A walk with a load from 3 s on, the torques of all joints too large by `GAIN`."""
     load = InertialParameters.from_com(LOAD, (0.05, 0.0, 0.15), 0.1 * np.eye(3))
-    walk = walked(HYQ, Walk(seconds=6.0, rate_hz=500.0, load=load, loaded_at=3.0))
+    walk = walked(HYQ, Walk(seconds=6.0, rate_hz=250.0, load=load, loaded_at=3.0))
     log = recorded(HYQ, walk, STANDARD, 2)
     return log.mapped(lambda name, values: GAIN * values if name == "effort" else values)
 
