@@ -167,7 +167,7 @@ def tables(name: str, records: list[Record]) -> Iterator[str]:
         shown = [r for r in records if r["metric"] != "falls" or r["value"]]
         yield crossed(shown, case("errors", "motion"), case("metric"), "errors, motion")
     elif name == "humanoids":
-        yield crossed(records, case("load", "errors"), case("metric"), "load, errors")
+        yield crossed(records, case(*records[0]["case"]), case("metric"), ", ".join(records[0]["case"]))
     elif name.startswith("faults"):
         yield crossed(records, case(*records[0]["case"]), case("metric"), "fault")
     else:
