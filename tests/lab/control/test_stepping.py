@@ -52,6 +52,10 @@ def test_what_it_carries_is_weighed_from_its_steps(walk: Run) -> None:
     np.testing.assert_allclose(found.com[:2], now.com[:2], atol=3e-3)
 
 
+def test_light_fingers_without_rotors_do_not_shake_the_robot() -> None:
+    assert simulate(of_name("talos"), "step", SimulateSettings("ideal", duration=0.3, rate=250.0)).truth.fell is None
+
+
 @pytest.mark.parametrize(("name", "reason"), [("go2", "is a quadruped: it can stand"), ("bolt", "not two flat feet")])
 def test_robots_without_two_flat_feet_do_not_step(name: str, reason: str) -> None:
     with pytest.raises(StaderaError, match=reason):

@@ -57,9 +57,6 @@ class StepSettings:
     down: float = 4.0  # acceleration with which it is [m/s²]
     foot: float = 40.0  # natural frequency of the tracking of feet in the air, damped critically [rad/s]
     slides: float = 0.05  # speed of a joint in the plan from which its whole friction is compensated [rad/s]
-    # inertia for which joints outside the legs are held at least [kg·m² per N·m of the effort limit], that of usual
-    # rotors: a load that the controller does not know would swing at the end of an arm without
-    rotor: float = 3e-4
     ahead: int = 4  # steps that are planned
 
 
@@ -77,8 +74,6 @@ class Stepping(WholeBody):
         drives = [robot.dynamics[joint] for joint in robot.tree.joints]
         self._coulomb, self._viscous = (np.array([getattr(d, k) for d in drives]) for k in ("coulomb", "viscous"))
         self._points = np.repeat([0, 1], [len(points) for points, _ in self._soles])
-        usual = np.where(np.isfinite(self._effort), self.settings.rotor * self._effort, 0.0)
-        self._rotors = np.maximum(usual - [d.armature for d in drives], 0.0)[arms.first :]
         ankle = min(robot.limits[joint].effort for leg in robot.legs for joint in leg.joints[-2:])
         self._lever = self.settings.ankle * ankle / (robot.mass * GRAVITY)
         self._speed: float | None = None  # [m/s]; None before it walks

@@ -82,7 +82,6 @@ class WholeBody(Follower):
         limits = ContactLimits(least_normal=0.02 * robot.mass * GRAVITY / count)  # share of the weight on all points
         self._sharing = ForceDistribution(limits, 0.5 * robot.leg_length, feet=count)
         self._effort = np.array([robot.limits[joint].effort for joint in robot.tree.joints])
-        self._rotors = np.zeros(len(self._effort) - arms.first)  # of the joints outside the legs, beyond the model's
         self.stance: Bools = np.ones(len(robot.legs), dtype=bool)
         self._weights = np.full(len(robot.legs), 1.0 / len(robot.legs))  # with which feet say where the trunk is
         self.position, self._anchors = np.zeros(3), np.zeros((len(robot.legs), 3))
@@ -111,9 +110,7 @@ class WholeBody(Follower):
             self._begin(seen)
         self.position = self._weights @ (self._anchors - seen.feet)
         self._plan(seen, self.time - before)
-        wanted = self._accelerations(seen, m, q, v)
-        needed, limbs = np.array(pin.rnea(model, data, q, v, wanted)), 6 + self.arms.first
-        needed[limbs:] += self._rotors * wanted[limbs:]
+        needed = np.array(pin.rnea(model, data, q, v, self._accelerations(seen, m, q, v)))
         forces, arms = self._forces(seen, needed)
         for jacobian, own, share in zip(seen.jacobians, arms, forces, strict=True):
             wrench = np.concatenate([share.sum(axis=0), np.cross(own, share).sum(axis=0)])
