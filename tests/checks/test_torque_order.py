@@ -200,6 +200,8 @@ def test_slopes_are_numpys_gradients_stretch_by_stretch() -> None:
         at = group == one
         expected = np.gradient(values[at], time[at], axis=0) if at.sum() > 1 else np.zeros((1, 4, 3))
         np.testing.assert_allclose(found[at], expected, rtol=1e-12, atol=1e-12)
+    none = Instants((), time, group, flat, flat, flat).at(np.zeros(0, dtype=int))
+    assert none.slopes(values[:0]).shape == (0, 4, 3)
 
 
 @pytest.mark.parametrize(("name", "seed"), [("go2", 30), ("b1", 30)])

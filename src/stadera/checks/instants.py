@@ -126,7 +126,7 @@ class Instants:
         """Derivatives of values (instants, ...) [1/s], by central differences within each stretch, one-sided at its
         ends; zero for an instant alone.
         """
-        inside, each = np.diff(self.group) == 0, values.reshape(len(self), -1)
+        inside, each = np.diff(self.group) == 0, values.reshape(len(self), int(np.prod(values.shape[1:])))
         step, slope = np.zeros((len(self) + 1, 1)), np.zeros((len(self) + 1, each.shape[1]))  # before each, and after
         step[1:-1, 0] = np.where(inside, np.diff(self.time), 0.0)
         slope[1:-1][inside] = np.diff(each, axis=0)[inside] / step[1:-1][inside]
