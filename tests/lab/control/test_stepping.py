@@ -60,3 +60,6 @@ def test_light_fingers_without_rotors_do_not_shake_the_robot() -> None:
 def test_robots_without_two_flat_feet_do_not_step(name: str, reason: str) -> None:
     with pytest.raises(StaderaError, match=reason):
         simulate(of_name(name), "step")
+    with pytest.raises(StaderaError, match="it can stand") as told:
+        simulate(of_name(name), "trot" if name == "bolt" else "step")
+    assert "step" not in str(told.value).partition("it can")[2]

@@ -27,6 +27,7 @@ from stadera.lab.plant.whole import on_link
 from stadera.lab.reality.draw import REAL_SETS, RealSizes
 from stadera.logs.recording import Recording
 from stadera.robot.model import Robot
+from stadera.robot.shapes import FLAT
 from stadera.trunk.model import TrunkBounds, TrunkModel
 
 
@@ -354,7 +355,9 @@ def controlled(scenario: Scenario, robot: Robot, whole: Robot, arms: Arms) -> tu
 
 
 def _able(scenario: Scenario, robot: Robot) -> bool:
-    return not scenario.stepping if robot.quadruped else scenario.controller is _standing
+    if scenario.stepping:
+        return [leg.contact for leg in robot.legs] == [FLAT, FLAT]
+    return robot.quadruped or scenario.controller is _standing
 
 
 def scenario_named(name: str) -> Scenario:
