@@ -143,6 +143,11 @@ def test_a_load_that_comes_within_the_tare_is_an_error() -> None:
         weigh(HYQ, log(), tare=(0.0, 3.0))
 
 
+def test_a_load_of_which_next_to_nothing_is_known_is_an_error() -> None:
+    with pytest.raises(IdentificationError, match=r"the load since the tare is known to ± [\d.e+]+ kg only"):
+        weigh(HYQ, before(1.9), tare=(0.0, 1.87))
+
+
 # -- logs that are right in part ------------------------------------------------------------------------------------
 
 
