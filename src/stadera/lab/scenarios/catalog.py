@@ -199,7 +199,8 @@ class Scenario:
         """Events of a run of this duration [s], in order of time."""
         events = [*self.events(robot, settings, duration)] if self.events else []
         if settings.load is not None or self.own:
-            payload = (settings.load or Load(round(DEFAULTS.load * robot.mass, 2))).payload(robot)
+            share = 0.5 * DEFAULTS.load if self.stepping else DEFAULTS.load  # beside one of two feet
+            payload = (settings.load or Load(round(share * robot.mass, 2))).payload(robot)
             when = self.load_time(settings, duration) if settings.load_time is None else settings.load_time
             events.append(ScriptEvent(when, lambda bed: bed.plant.apply_payload(payload)))
         return sorted(events, key=lambda event: event.time)
