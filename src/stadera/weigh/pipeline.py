@@ -26,7 +26,6 @@ from stadera.trunk.measurement import Measurement, measurements_of, rotation_mat
 from stadera.trunk.memory import Memory, days_of
 from stadera.trunk.protocol import Status, TrunkEstimate, Weigher
 from stadera.trunk.registry import Setup, method_of
-from stadera.trunk.result import ObservedLimits
 from stadera.trunk.samples import Samples
 from stadera.trunk.standing.estimator import Stance, Vertical, level_axes
 from stadera.trunk.standing.forces import measurements_without_imu
@@ -224,7 +223,6 @@ class _LogPass:
             estimator.know_payload(known.mass, known.com, known.mass_std, known.com_std)
         memory, said = self._remembered()
         payload = estimator.payload
-        self._require_known(payload)
         logs = [log] if self._before is None else [self._before.log, log]
         learnt = estimate.time - self._shift
         short = self._method.at_rest and self._time - learnt < self._request.settings.stale
@@ -278,15 +276,6 @@ class _LogPass:
             raise IdentificationError(
                 f"{log.source.source}: the robot does not stand still after the tare's time, "
                 f"{self._tared_at - log.begin:.3g} s"
-            )
-
-    def _require_known(self, payload: Payload | None) -> None:
-        """Raises IdentificationError: the load since the tare, the difference of two masses, is not known."""
-        most = np.sqrt(2.0) * ObservedLimits().mass * self._request.robot.mass
-        if payload is not None and not payload.mass_std < most:
-            raise IdentificationError(
-                f"{self.log.source.source}: the load since the tare is known to ± {payload.mass_std:.2g} kg only: the "
-                "tare or what follows it is too short, or too still"
             )
 
     def _uncovered(self) -> Iterator[str]:

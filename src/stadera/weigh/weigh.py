@@ -77,8 +77,8 @@ def weigh(
     Raises:
         ModelError, UnknownNameError: no such robot, method, link or frame.
         RecordingError: the log cannot be read, or lacks a joint, its torque, or the IMU that the method needs.
-        IdentificationError: the log contains no usable data, or none within the tare; next to nothing is known of
-            the load since then; options that do not fit the method.
+        IdentificationError: the log contains no usable data, or none within the tare; options that do not fit the
+            method.
         UntrustedError: units or signs of the log are wrong, or it contradicts the model or itself, without `force`.
     """
     check_choice(method, stiffness)
