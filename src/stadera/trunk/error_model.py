@@ -202,10 +202,8 @@ class ErrorModel:
         std[places["limb_com"]] = sizes.link_com
         alike = {"rotor": sizes.alike, "viscous": sizes.alike, "coulomb": sizes.alike, "stiction": sizes.sagging}
         found = {name: np.isfinite(own) for name, own in known.items()}
-        correlation = _correlation(layout, alike, found | {"stiction": found["coulomb"]})
-        if flat:
-            both, place = np.outer(~found["coulomb"], ~found["coulomb"]), places["coulomb"]
-            correlation[place, place] = np.maximum(correlation[place, place], _POSITIVE * both)
+        found["stiction"] = found["coulomb"]
+        correlation = _correlation(layout, alike, found, _POSITIVE if flat else 0.0)
         self.covariance: Array = correlation * np.outer(std, std)
         self.variance = np.diag(self.covariance).copy()
         self._sticking = self.covariance[layout.sticking, layout.sticking].copy()
@@ -227,9 +225,9 @@ def limb_limits(robot: Robot) -> Array:
     return np.where(np.isfinite(given), given, largest)
 
 
-def _correlation(layout: ErrorLayout, alike: Mapping[str, float], known: Mapping[str, Bools]) -> Array:
+def _correlation(layout: ErrorLayout, alike: Mapping[str, float], known: Mapping[str, Bools], positive: float) -> Array:
     """Correlation matrix (count, count) of errors that are alike, by name, in joints of one kind: the n-th ones of legs
-    with as many joints.
+    with as many joints. Coulomb friction of any two joints has `positive` at least.
 
     Errors of identified joints, `known` (joints,) by name, are changes since the identification; those of other joints
     are differences from the model file, which these tell nothing about.
@@ -241,4 +239,6 @@ def _correlation(layout: ErrorLayout, alike: Mapping[str, float], known: Mapping
         both = same & (known[name][:, None] == known[name])
         place = layout.places[name]
         correlation[place, place] = np.where(both, shared, 0.0) + (1.0 - shared) * np.eye(layout.joints)
+    place, unknown = layout.places["coulomb"], ~known["coulomb"]
+    correlation[place, place] = np.maximum(correlation[place, place], positive * np.outer(unknown, unknown))
     return correlation

@@ -331,7 +331,7 @@ class RowMaker:
         usual = np.array([[lower_quartile(size - 1)] for size in sizes])
         known, B = np.concatenate([self._rough, squares / usual]), len(sizes)
         ends = range(len(known) - B + 1, len(known) + 1)
-        lately = [_quarter(known[max(end - _LATELY, 0) : end]) for end in ends]
+        lately = [np.quantile(known[max(end - _LATELY, 0) : end], 0.25, axis=0) for end in ends]
         self._rough = known[-(_LATELY - 1) :]
         return np.maximum(variance, lately)
 
@@ -370,7 +370,7 @@ class RowMaker:
         share, carried = (1.0 - keep) / self._averaged, turn @ self._average
         if share == 1.0:  # the first block is all that is known
             struck = inf
-        self._average = carried + share * np.minimum(np.maximum(force - carried, -struck), struck)
+        self._average = carried + share * np.clip(force - carried, -struck, struck)
         return self._average
 
     def _rows(
@@ -484,13 +484,6 @@ class RowMaker:
         C[:, :, places["imu_rotation"]] = K @ skews(a) + L @ skews(alpha)
         C[:, :, places["accelerometer"]] = -K
         C[:, :, places["imu_response"]] = -K * (a - average)[:, None]
-
-
-def _quarter(values: Array) -> Array:
-    """The lower quartile (...) of values (n, ...), between two of them on a line."""
-    ordered, (at, rest) = np.sort(values, axis=0), divmod(0.25 * (len(values) - 1), 1.0)
-    below, above = ordered[int(at)], ordered[min(int(at) + 1, len(values) - 1)]
-    return np.asarray(below + rest * (above - below))
 
 
 def signals_of(signals: Array) -> tuple[Array, Array, Array]:
