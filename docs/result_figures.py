@@ -236,9 +236,9 @@ def mini_cheetah(records: list[Record]) -> plt.Figure:
 
 def humanoids(records: list[Record]) -> plt.Figure:
     """Errors of the payload's mass with exact sensors and real ones."""
-    figure, (axis,) = panels(height=2.0)
     own = [r for r in records if r["metric"].startswith("payload's mass")]
     names = list(dict.fromkeys(", ".join(r["case"].values()) for r in own))
+    figure, (axis,) = panels(height=0.8 + 0.27 * len(names))
     metrics = {"median": "payload's mass, median", "95th percentile": "payload's mass, 95th percentile"}
     grouped(axis, names, {name: values(own, metric) for name, metric in metrics.items()})
     logarithmic(axis)
