@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import os
-import pickle
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import wraps
 from pathlib import Path
 
@@ -15,6 +15,7 @@ from hypothesis import settings
 from sharing import shared
 from stadera.cli import main
 from stadera.excite.trunk import design
+from stadera.excite.trunk.planted import PayloadBars
 from stadera.robot.model import Robot
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -68,16 +69,23 @@ def bars_of_named_robots(tmp_path_factory: pytest.TempPathFactory) -> Iterator[N
         yield
 
 
-def once(bars: Callable[[Robot, float], object], factory: pytest.TempPathFactory) -> Callable[[Robot, float], object]:
-    known: dict[tuple[str, float], object] = {}
+Bars = Callable[[Robot, float], PayloadBars | None]
+
+
+def once(bars: Bars, factory: pytest.TempPathFactory) -> Bars:
+    known: dict[tuple[str, float], PayloadBars | None] = {}
+
+    def write(to: Path, robot: Robot) -> None:
+        made = bars(robot, 0.1)
+        (to / "bars.json").write_text(json.dumps(None if made is None else asdict(made)))
 
     @wraps(bars)
-    def found(robot: Robot, _: float) -> object:
+    def found(robot: Robot, _: float) -> PayloadBars | None:
         key = robot.name, robot.mass
         if key not in known:
             name = f"{bars.__name__}-{robot.name}-{robot.mass!r}"
-            folder = shared(factory, name, lambda to: (to / "bars").write_bytes(pickle.dumps(bars(robot, 0.1))))
-            known[key] = pickle.loads((folder / "bars").read_bytes())
+            kept = json.loads((shared(factory, name, lambda to: write(to, robot)) / "bars.json").read_text())
+            known[key] = None if kept is None else PayloadBars(**kept | {"com": tuple(kept["com"])})
         return known[key]
 
     return found

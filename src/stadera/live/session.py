@@ -176,8 +176,8 @@ class LiveSession:
     def tare(self) -> Answer:
         """Makes the present estimate of the trunk the reference for the payload."""
         estimator = self.estimator
-        if estimator is None or not estimator.trunk.observed[0]:
-            return Answer(False, "no tare: the trunk's mass is not known yet")
+        if estimator is None or np.isnan(estimator.estimate().time):
+            return Answer(False, "no tare: nothing is learnt yet")
         if trust_now(estimator).verdict == "bad":
             return Answer(False, f"no tare: {'; '.join(trust_now(estimator).reasons)}")
         estimator.tare()

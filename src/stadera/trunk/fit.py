@@ -191,7 +191,6 @@ class ModelFit:
         self.fit: Fit | None = None
         self.swing_misfit: float | None = None
         self.due, self._trust = 0, None  # type: int, Trust | None
-        self._turned = 0.0  # [rad], of the IMU about one axis if it is beyond its prior, on which the trunk's bars rely
 
     def add_swing(self, swing: SwingRows) -> None:
         """Adds a block's rows of legs in the air."""
@@ -213,8 +212,6 @@ class ModelFit:
         front.know_joints(*(np.array([x[law] for law in laws]) for x in (self.errors.mean, self.errors.std)))
         self.swing_misfit = self.swing.misfit if front.seen >= self._settings.evaluated else None
         self._trust = None
-        turn = float(np.abs(self.errors.mean[layout.places["imu_rotation"]]).max())
-        self._turned = turn if turn > self._settings.turned * self._settings.model.imu_rotation else 0.0
         return True
 
     @property
@@ -240,6 +237,12 @@ class ModelFit:
                     alike = "a torque is off all the time, or something pushes or pulls the robot"
                     self._trust = self._trust.at_most("doubtful", f"{text}; if it is not, {alike}")
         return self._trust
+
+    @property
+    def _turned(self) -> float:
+        """Turn of the IMU about one axis [rad] if it is beyond its prior, on which the trunk's bars rely; else zero."""
+        turn = float(np.abs(self.errors.mean[self.model.layout.places["imu_rotation"]]).max())
+        return turn if turn > self._settings.turned * self._settings.model.imu_rotation else 0.0
 
 
 def _without(products: Array, errors: Array, joints: slice) -> Array:

@@ -62,9 +62,8 @@ class Lifted:
         Args:
             pace: (n, legs, 3) [m/s], velocities of the feet, the trunk's rotation taken out. edges: see `legs`.
         """
-        mean, half = np.add.reduceat(pace, edges[:-1]) / np.diff(edges)[:, None, None], pace.shape[1] // 2
-        ordered = np.sort(mean, axis=1)
-        apart = mean - 0.5 * (ordered[:, [half]] + ordered[:, [-1 - half]])  # the median
+        mean = np.add.reduceat(pace, edges[:-1]) / np.diff(edges)[:, None, None]
+        apart = mean - np.median(mean, axis=1, keepdims=True)
         return np.asarray(((apart * apart).sum(axis=2) > self._limits[1]).any(axis=1))
 
 

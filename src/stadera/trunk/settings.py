@@ -84,8 +84,8 @@ class ModelErrors:
             [1]. A model does not say whether their gears are planetary, as a G1's, whose static friction is 1.7 to
             2.4 % of the limits (its maker's drives for simulators, Unitree RL Lab), or harmonic, as Talos' and iCub's,
             which lose 2.5 times what two planetary stages do. All of a robot's are of one kind, and friction is
-            positive, so it is alike in all joints (`stadera.trunk.error_model`). With one, trunks of simulated squats
-            with harmonic gears are up to 5.5 standard deviations too light, with 2.5 at most 2.5.
+            positive, so it is alike in all joints (`stadera.trunk.error_model`). With 1.25, 2.5, 7.5 masses of 36
+            simulated squats, sways and stands with harmonic gears are at most 4.5, 3.1, 1.9 standard deviations off.
         limbs: factor on the friction of joints in arms and other limbs [1]. Static friction of a G1's arms is 2.4 % of
             the limits, of its wrists 12 % (its maker's drives for simulators, Unitree RL Lab), of an arm's seven joints
             6.6 % root mean square.

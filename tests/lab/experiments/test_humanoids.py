@@ -55,5 +55,5 @@ def test_friction_that_holds_most_joints_in_a_sway_is_no_misfit(seed: int) -> No
     assert found.trust.verdict == "good", found.trust.reasons
     assert found.trust.misfit < 1.5
     assert not found.changes
-    if seed == 6:  # with the louder noise the mass is not known
-        assert abs(found.mass - run.truth.moments[-1].mass) < 2.5 * found.mass_std
+    assert found.trunk.observed[0] == (seed == 6)  # the louder noise hides the mass, and no other is shown for it
+    assert seed == 4 or abs(found.mass - run.truth.moments[-1].mass) < 2.5 * found.mass_std
