@@ -40,7 +40,7 @@ $(DEVELOPMENT): requirements/development.lock pyproject.toml
 LOCK := uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-annotate --custom-compile-command "make lock"
 lock:
 	mkdir -p requirements
-	$(LOCK) pyproject.toml requirements/build.in --extra lab -o requirements/runtime.lock
+	$(LOCK) pyproject.toml requirements/build.in --extra lab --extra live -o requirements/runtime.lock
 	$(LOCK) pyproject.toml requirements/build.in --extra models --extra dev --extra bench -c requirements/runtime.lock -o requirements/development.lock
 
 # renews the scripts that pages carry inside; needs npm

@@ -84,9 +84,9 @@ class UntrustedError(IdentificationError):
 
 
 class MissingExtraError(StaderaError):
-    """An optional package is not installed. The message names the extra that provides it."""
+    """An optional package, or several separated by blanks, is not installed. The message names their extra."""
 
     def __init__(self, package: str, extra: str, purpose: str) -> None:
-        super().__init__(
-            f"{purpose} needs the package {package!r}, of the extra stadera[{extra}]: pip install {package}"
-        )
+        names = package.split()
+        what = f"package{'s'[: len(names) - 1]} {' and '.join(map(repr, names))}"
+        super().__init__(f"{purpose} needs the {what}, of the extra stadera[{extra}]: pip install {package}")

@@ -9,6 +9,5 @@ _PACKAGES = ("mujoco", "proxsuite")
 
 def require_lab(purpose: str) -> None:
     """Checks that the packages of the extra `lab` are installed."""
-    for package in _PACKAGES:
-        if find_spec(package) is None:
-            raise MissingExtraError(package, "lab", purpose)
+    if missing := [package for package in _PACKAGES if find_spec(package) is None]:
+        raise MissingExtraError(" ".join(missing), "lab", purpose)
