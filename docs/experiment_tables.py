@@ -169,7 +169,7 @@ def tables(name: str, records: list[Record]) -> Iterator[str]:
     elif name == "humanoids":
         yield crossed(records, case(*records[0]["case"]), case("metric"), ", ".join(records[0]["case"]))
     elif name.startswith("faults"):
-        yield crossed(records, case(*records[0]["case"]), case("metric"), "fault")
+        yield crossed(records, case("metric"), case(*records[0]["case"]), "fault")
     else:
         (key,) = records[0]["case"]
         yield crossed(records, case("metric"), case(key), key)

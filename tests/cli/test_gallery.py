@@ -227,9 +227,13 @@ def test_bad_logs_of_legs_in_the_air(run, swing: Recording, name: str, tmp_path:
 
 
 def test_a_robot_on_its_feet_tells_drives_and_trunk(run, clean: Recording, tmp_path: Path) -> None:
-    finished = run("identify", write_table(clean, tmp_path / "log.parquet"), "--robot", "hyq")
+    page = tmp_path / "page.html"
+    finished = run("identify", write_table(clean, tmp_path / "log.parquet"), "--robot", "hyq", "--report", page)
     assert finished.code == 0, finished.err
-    assert "by a robot on its feet" in " ".join(finished.out.split())
+    assert "by a robot on its feet: rotor inertia of " in " ".join(finished.out.split())
+    assert "RMSE" not in finished.out, "torques carry the robot: no errors, and no empty table of them"
+    assert 'id="errors"' not in (shown := page.read_text(encoding="utf-8"))
+    assert "nothing was held out" not in shown
 
 
 def test_a_tare_before_the_log_counts_from_its_beginning(run, clean: Recording, tmp_path: Path) -> None:

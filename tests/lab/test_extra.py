@@ -21,8 +21,7 @@ def test_a_command_without_its_packages_names_the_extra(
     assert finished.value.code == 1
     assert (
         f"stadera {command[0]} needs the packages 'mujoco' and 'proxsuite', of the extra stadera[lab]: "
-        "pip install mujoco proxsuite"
-        in capsys.readouterr().err
+        "pip install mujoco proxsuite" in capsys.readouterr().err
     )
 
 

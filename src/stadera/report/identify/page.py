@@ -15,7 +15,9 @@ from stadera.report.identify.tables import (
     combination_table,
     drives_table,
     evaluated_part,
+    has_errors,
     is_alarming,
+    is_untested,
     leg_table,
     level,
     link_table,
@@ -54,10 +56,12 @@ def next_steps(result: Identification, enough: float = 0.6) -> Iterator[str]:
             "Mend the log or the model file and identify again."
         )
         return
-    if evaluated_part(result) == "training":
+    if is_untested(result):
         yield "This fit is untested: hold back a part, `--split 0.5`, or give another log, `--validate LOG`."
-    poor = min(result.legs, key=lambda leg: leg.estimate.observability.rank / leg.structural_rank)
-    if (rank := poor.estimate.observability.rank) < enough * poor.structural_rank:
+    shares = {leg.estimate.observability.rank / leg.structural_rank: leg for leg in result.legs if leg.rmse}
+    if shares and min(shares) < enough:
+        poor = shares[min(shares)]
+        rank = poor.estimate.observability.rank
         yield (
             f"Play a richer motion: {poor.leg.name} showed {rank} of {poor.structural_rank} directions. "
             f"`stadera excite --robot {robot} --leg {poor.leg.name} --out motion.csv` designs one."
@@ -88,7 +92,7 @@ def html(result: Identification) -> str:
         at_a_glance=leg_table(result),
         drives=marked(drives, result.trust) if drives.groups else None,
         where=f"motion not used for fitting: {result.validated_on}" if part == "validation" else "the TRAINING data",
-        errors=rmse_table(result),
+        errors=rmse_table(result) if has_errors(result) else None,
         error_bars=rmse_figure(result.legs, part),
         legs=[_leg(leg, part, result.trust) for leg in result.legs],
         facts=_facts(result),
@@ -125,10 +129,10 @@ def _cards(errors: dict[str, float]) -> list[dict[str, str]]:
 def _leg(leg: LegIdentification, part: str, trust: Trust) -> dict[str, object]:
     seen = leg.estimate.observability
     drawn = (torque_figure(leg), error_figure(leg), spread_figure(leg, part))
+    could = f"Rich motion without noise could determine {leg.structural_rank}." if leg.rmse else ""
     return {
         "name": leg.leg.name,
-        "lead": f"The log determines {seen.rank} of {len(seen.columns)} directions better than CAD does. "
-        f"Rich motion without noise could determine {leg.structural_rank}.",
+        "lead": f"The log determines {seen.rank} of {len(seen.columns)} directions better than CAD does. {could}",
         "links": [marked(table, trust) for table in link_tables(leg)],
         "combinations": marked(combination_table(leg), trust) if leg.combinations else None,
         "plots": [figure for figure in drawn if not figure.is_empty],

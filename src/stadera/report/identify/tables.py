@@ -39,6 +39,16 @@ def evaluated_part(result: Identification) -> str:
     return "validation" if any("validation" in leg.rmse for leg in result.legs) else "training"
 
 
+def is_untested(result: Identification) -> bool:
+    """True if torques were predicted on the training data only."""
+    return evaluated_part(result) == "training" and has_errors(result)
+
+
+def has_errors(result: Identification) -> bool:
+    """False for a robot on its feet: torques of its legs carry its weight too."""
+    return any(leg.rmse for leg in result.legs)
+
+
 def overall_rmse(result: Identification, part: str, legs: tuple[str, ...] | None = None) -> dict[str, float]:
     """By model, root of the mean over joints of the squared torque RMSE [N·m] on a part; None for all legs."""
     chosen = [leg.rmse.get(part, {}) for leg in result.legs if legs is None or leg.leg.name in legs]
@@ -61,7 +71,11 @@ def answer(result: Identification) -> str:
     names, errors = ", ".join(leg.leg.name for leg in result.legs), overall_rmse(result, part)
     where = "motion not used for fitting" if part == "validation" else "the training data"
     if not errors.get("identified"):
-        return f"Links and drives of {names} by a robot on its feet, whose torques hold its weight too: no RMSE."
+        terms = [joint for leg in result.legs for joint in _joint_quantities(leg).values()]
+        of = {"armature": "rotor inertia", "viscous": "viscous friction", "coulomb": "Coulomb friction"}
+        measured = {name: sum(not joint[term].is_held for joint in terms if term in joint) for term, name in of.items()}
+        said = listed([f"{name} of {count}" for name, count in measured.items()])
+        return f"Drives of {names} by a robot on its feet: {said} of {counted(len(terms), 'joint')} measured."
     said = f"Torques of {names} are predicted to {number(errors['identified'], 3)} N·m RMSE on {where}"
     torques = [rms for leg in result.legs for rms in torque_rms(leg, part).values()]
     if any(torques):
@@ -89,7 +103,7 @@ def level(result: Identification) -> Level:
 def remarks(result: Identification) -> tuple[Remark, ...]:
     """All remarks, the most serious first. Sentences that apply to several legs are merged."""
     found = [Remark(LEVELS[result.trust.verdict], reason) for reason in result.trust.reasons]
-    if evaluated_part(result) == "training":
+    if is_untested(result):
         untested = "nothing was held out: the errors shown are on the training data and say little of the model"
         found.append(Remark("bad", untested))
     found += [Remark("note", text) for text in _on_masses(result)]
@@ -124,7 +138,7 @@ def is_alarming(result: Identification) -> bool:
     """True if the numbers should not be used: a bad fit, not physical, not validated, nothing measured, or a leg whose
     torques CAD with friction predicts better by more than chance.
     """
-    poor = evaluated_part(result) == "training" or result.trust.verdict == "bad" or not result.is_physical
+    poor = is_untested(result) or result.trust.verdict == "bad" or not result.is_physical
     return poor or any(leg.estimate.observability.rank == 0 or "" in leg.worse for leg in result.legs)
 
 
@@ -182,21 +196,23 @@ def _drive(quantity: Quantity | None) -> Cell | str:
 def leg_table(result: Identification) -> TableData:
     """One row for each leg: directions determined, torque error, misfit, and physical consistency."""
     part, rows = evaluated_part(result), []
+    scored = has_errors(result)
     for leg in result.legs:
         name, seen = leg.leg.name, leg.estimate.observability
         errors = overall_rmse(result, part, (name,))
+        found = number(errors["identified"], 3) if errors.get("identified") else "none"
         rows.append(
             (
                 Cell(name, strong=True),
-                f"{seen.rank} of {leg.structural_rank}",
-                number(errors["identified"], 3) if errors.get("identified") else "none",
-                _against_cad(errors),
+                f"{seen.rank} of {leg.structural_rank}" if scored else f"{seen.rank}",
+                *((found, _against_cad(errors)) if scored else ()),
                 number(result.trust.by_leg.get(name, nan), 3),
                 "yes" if leg.estimate.is_physical else Cell("NO", good=False),
             )
         )
-    columns = ("directions determined", "torque RMSE [N·m]", "against CAD + friction", "misfit", "physically possible")
-    return TableData.of("Legs at a glance", ("leg", *columns), rows)
+    errors_of = ("torque RMSE [N·m]", "against CAD + friction") if scored else ()
+    head = ("leg", "directions determined", *errors_of, "misfit", "physically possible")
+    return TableData.of("Legs at a glance", head, rows)
 
 
 def link_table(leg: LegIdentification) -> TableData:
@@ -235,7 +251,8 @@ def tables(result: Identification) -> list[TableData]:
     """Tables for a paper: links of each leg, drives, then the torque errors."""
     drives = drives_table(result)
     trunk = [] if result.trunk is None else [trunk_table(result)]
-    return [*map(link_table, result.legs), *trunk, *([drives] if drives.groups else []), rmse_table(result)]
+    errors = [rmse_table(result)] if has_errors(result) else []
+    return [*map(link_table, result.legs), *trunk, *([drives] if drives.groups else []), *errors]
 
 
 def trunk_table(result: Identification) -> TableData:
@@ -327,10 +344,11 @@ def identification_tables(result: Identification) -> Iterator[RenderableType]:
 
     The verdict comes last, since a terminal shows the end of the output.
     """
-    *found, errors = tables(result)
+    found = tables(result)
+    errors = [found.pop()] if has_errors(result) else []
     yield from (rich_table(marked(table, result.trust)) for table in found)
     yield legend(f"({LINK_FRAMES}; in square brackets: the prior)")
-    yield rich_table(errors)
+    yield from map(rich_table, errors)
     for remark in reversed(remarks(result)):
         word = {"bad": "problem"}.get(remark.level, remark.level)
         yield Text(f"{word}: {remark.text}", style=STYLES[remark.level])
