@@ -150,6 +150,7 @@ class ErrorModel:
     Args:
         robot: provides effort limits and sizes.
         sizes: standard deviations.
+        length: of a leg [m].
 
     Attributes:
         layout: places of the errors.
@@ -158,62 +159,58 @@ class ErrorModel:
         dry: (joints,) Coulomb friction that the robot's model has [N·m]; the errors are beyond it, static friction is
             not. resting: (joints,) [N·m], what bounds static friction before any row.
         drift: (joints,), standard deviation of the torques' offsets under one load from their mean of all [N·m].
-        covariance: (count, count).
-        length: of a leg [m].
+        covariance: (count, count). variance: (count,), its diagonal.
         held, renewed: as in `ModelErrors`.
     """
 
     def __init__(self, robot: Robot, sizes: ModelErrors, length: float) -> None:
-        self.layout = layout = ErrorLayout.of(robot)
-        places = layout.places
-        given = np.array([robot.limits[joint].effort for leg in robot.legs for joint in leg.joints])
-        self.length, self.held, self.renewed = length, sizes.held, sizes.renewed
-        largest = GRAVITY * robot.mass * length
+        self.layout, self.held, self.renewed = ErrorLayout.of(robot), sizes.held, sizes.renewed
+        joints, largest = [joint for leg in robot.legs for joint in leg.joints], GRAVITY * robot.mass * length
+        given = np.array([robot.limits[joint].effort for joint in joints])
+        flat = any(leg.contact == FLAT for leg in robot.legs)
         self.limit = np.where(given < 2.0 * largest, given, largest)
-        leg_mass = sum(robot.inertias[link].mass for leg in robot.legs for link in leg.links) / layout.contacts
-        std = np.zeros(layout.count)
-        std[places["rotor"]] = sizes.rotor * leg_mass * length**2
-        for name in ("viscous", "coulomb", "offset"):
-            std[places[name]] = getattr(sizes, name) * self.limit
-        usual, flat = std[places["coulomb"]].copy(), any(leg.contact == FLAT for leg in robot.legs)
-        for name in ("viscous", "coulomb"):
-            std[places[name]] *= sizes.gears if flat else 1.0
-        known = _identified(robot, sizes, self.limit)
-        for name, own in known.items():
-            place = places[name]
-            least = np.maximum(own, sizes.surest * std[place])
-            std[place] = np.fmin(std[place], least)  # as it was for a joint or term that was not identified, NaN
         self.drift = sizes.drift / np.sqrt(2.0) * self.limit
-        self.dry = np.abs([robot.dynamics[joint].coulomb for leg in robot.legs for joint in leg.joints])
-        self.resting = np.hypot(self.dry, np.minimum(std[places["coulomb"]], usual))
-        std[places["stiction"]] = std[places["standstill"]] = sizes.held * self.resting
-        for name in _AS_STATED:
-            std[places[name]] = getattr(sizes, name)
-        std[places["unfelt"]] = robot.unfelt_std[list(layout.unfelt)]
-        std[places["sampling"]] = 1.0
-        limb = limb_limits(robot)
-        std[places["limb_rotor"]] = sizes.rotor * leg_mass * length**2 * limb / self.limit.mean()  # as large as strong
-        for name in ("viscous", "coulomb", "offset"):
-            std[places[f"limb_{name}"]] = getattr(sizes, name) * limb
-        for name in ("viscous", "coulomb"):
-            std[places[f"limb_{name}"]] *= sizes.limbs
-        std[places["limb_stiction"]] = sizes.held * std[places["limb_coulomb"]]
-        std[places["limb_gain"]], std[places["limb_mass"]] = sizes.gain, sizes.link_mass
-        std[places["limb_com"]] = sizes.link_com
+        self.dry = np.abs([robot.dynamics[joint].coulomb for joint in joints])
+        leg_mass = sum(robot.inertias[link].mass for leg in robot.legs for link in leg.links) / len(robot.legs)
+        rotor, limb = sizes.rotor * leg_mass * length**2, limb_limits(robot)
+        legs = _of_drives(sizes, self.limit, np.full(len(joints), rotor), sizes.gears if flat else 1.0)
+        known = _identified(robot, sizes, self.limit)
+        for name, own in known.items():  # NaN for a joint or term that was not identified
+            legs[name] = np.fmin(legs[name], np.maximum(own, sizes.surest * legs[name]))
+        limbs = _of_drives(sizes, limb, rotor * limb / self.limit.mean(), sizes.limbs)  # rotors as large as strong
+        self.resting = np.hypot(self.dry, np.minimum(legs["coulomb"], sizes.coulomb * self.limit))
+        std: dict[str, Array | float] = {**legs, **{f"limb_{name}": own for name, own in limbs.items()}}
+        std |= {name: getattr(sizes, name) for name in _AS_STATED}
+        std |= dict.fromkeys(("stiction", "standstill"), sizes.held * self.resting)
+        std |= {"unfelt": robot.unfelt_std[list(self.layout.unfelt)], "sampling": 1.0}
+        std |= {"limb_stiction": sizes.held * limbs["coulomb"], "limb_gain": sizes.gain}
+        std |= {"limb_mass": sizes.link_mass, "limb_com": sizes.link_com}
+        deviation = np.zeros(self.layout.count)
+        for name, place in self.layout.places.items():
+            deviation[place] = std[name]
         alike = {"rotor": sizes.alike, "viscous": sizes.alike, "coulomb": sizes.alike, "stiction": sizes.sagging}
         found = {name: np.isfinite(own) for name, own in known.items()}
         found["stiction"] = found["coulomb"]
-        correlation = _correlation(layout, alike, found, _POSITIVE if flat else 0.0)
-        self.covariance: Array = correlation * np.outer(std, std)
+        correlation = _correlation(self.layout, alike, found, _POSITIVE if flat else 0.0)
+        self.covariance: Array = correlation * np.outer(deviation, deviation)
         self.variance = np.diag(self.covariance).copy()
-        self._sticking = self.covariance[layout.sticking, layout.sticking].copy()
 
     def scaled(self, scale: Array) -> tuple[Array, Array]:
         """Covariance of static friction (joints, joints) and variances (count,), with all standard deviations
         multiplied by `scale` (count,).
         """
-        stuck = scale[self.layout.sticking]
-        return self._sticking * np.outer(stuck, stuck), self.variance * scale**2
+        place = self.layout.sticking
+        return self.covariance[place, place] * np.outer(scale[place], scale[place]), self.variance * scale**2
+
+
+def _of_drives(sizes: ModelErrors, limit: Array, rotor: Array, friction: float) -> dict[str, Array]:
+    """Standard deviations (joints,) of the terms of joints that nobody identified, by error.
+
+    Args:
+        limit: (joints,), effort limits [N·m]. rotor: (joints,) [kg·m²]. friction: factor on theirs [1].
+    """
+    own = {"viscous": friction * sizes.viscous * limit, "coulomb": friction * sizes.coulomb * limit}
+    return {"rotor": rotor, **own, "offset": sizes.offset * limit}
 
 
 def limb_limits(robot: Robot) -> Array:
