@@ -11,6 +11,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from stadera.checks import CheckLimits, torques
+from stadera.checks.diagnosis import late_imu
 from stadera.checks.hypotheses import Hypothesis
 from stadera.checks.instants import Instants
 from stadera.checks.residual import Footing
@@ -260,6 +261,14 @@ def test_an_imu_that_is_late_is_named_as_that_or_not_at_all(name: str, scenario:
     assert causes in ([], ["imu_late"])
     if scenario == "trot":
         assert causes == ["imu_late"]
+
+
+def test_torques_that_are_late_make_no_imu_early() -> None:
+    """A sway balances better by an IMU of a moment before, as it does with friction; the feet tell that it is not."""
+    log = log_of("g1", "shake", 3)
+    assert log.effort is not None
+    by = round(0.1 * (len(log) - 1) / float(np.ptp(log.time)))
+    assert late_imu(footing_of(replace(log, effort=np.roll(log.effort, by, axis=0)), "g1", CheckLimits())) is None
 
 
 @pytest.mark.parametrize("period", [0.0, 0.8], ids=["sway", "walk"])

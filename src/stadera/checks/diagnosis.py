@@ -149,9 +149,10 @@ def explained_by_motion(footing: Footing) -> list[tuple[Hypothesis, Gain, Footin
     return [*fitting[:1], *(entry for entry in fitting[1:3] if entry[1].mean > limits.alike * fitting[0][1].mean)]
 
 
-def _late_imu(footing: Footing) -> tuple[float, Gain] | None:
+def late_imu(footing: Footing) -> tuple[float, Gain] | None:
     """The delay of the IMU against the joints [s] that makes the motion most consistent, and its gain; None if none
-    does.
+    does. A delay by which the feet slide more is none: friction of the drives turns with the motion too, so that a
+    sway or a squat balances better by an accelerometer of a moment before, but no friction moves the feet.
     """
     limits, blocks = footing.limits, footing.blocks
     if len(blocks) < limits.order_fewest:
@@ -159,9 +160,11 @@ def _late_imu(footing: Footing) -> tuple[float, Gain] | None:
     step, found = float(np.median(np.diff(blocks.time))), []
     for k in (k for k in range(-limits.late_instants, limits.late_instants + 1) if k):
         pair = [Footing(footing.robot, each, limits) for each in blocks.shifted(k)]
-        found.append((k * step, Gain.of(*pair)))
-    best = max(found, key=lambda entry: entry[1].mean)
-    return best if best[1].confirms(limits.gain, limits) else None
+        (now, _), (then, _) = pair[0].costs(pair[1])
+        if np.nansum(then) <= limits.late_slides * np.nansum(now):
+            found.append((k * step, Gain.of(*pair)))
+    best = max(found, key=lambda entry: entry[1].mean, default=None)
+    return best if best is not None and best[1].confirms(limits.gain, limits) else None
 
 
 def _in_motion(footing: Footing, mount: ImuMount | None) -> Iterator[Finding]:
@@ -174,7 +177,7 @@ def _in_motion(footing: Footing, mount: ImuMount | None) -> Iterator[Finding]:
         yield from order
         if order or not found:
             return
-    (best, gain, without), late = found[0], _late_imu(few)
+    (best, gain, without), late = found[0], late_imu(few)
     # a robot that moves turns; on soft ground its feet slide by any gyro
     unturned = without.lively > few.limits.lively_share and without.turning < few.limits.turns_least
     if late is not None and late[1].mean > gain.mean:
