@@ -17,7 +17,7 @@ from stadera.robot import JointDynamics, Robot, load_robot
 from stadera.robot.imu import ImuMount
 from stadera.robot.kinematics import forward_kinematics
 from stadera.trunk.block_rows import BlockRows
-from stadera.trunk.error_model import ErrorModel, limb_limits
+from stadera.trunk.error_model import ErrorLayout, ErrorModel, limb_limits
 from stadera.trunk.noise import mean_third_differences_squared
 from stadera.trunk.rows import RowMaker
 from stadera.trunk.samples import Samples
@@ -394,6 +394,16 @@ def test_gears_on_flat_feet_may_be_of_either_kind() -> None:
     assert least.min() == pytest.approx(2.0 / np.pi)
     assert least.max() == pytest.approx(sizes.alike)
     assert not found.covariance[place, place][0, 1:].any()
+
+
+def test_friction_of_slow_joints_changes_with_the_load_on_flat_feet() -> None:
+    robot = load_robot("bolt")
+    flat = replace(robot, legs=tuple(replace(leg, contact=6) for leg in robot.legs))
+    for each, changes in ((robot, False), (flat, True)):
+        layout = ErrorLayout.of(each)
+        assert layout.flat == changes
+        assert (layout.places["standstill"] in layout.changing) == changes
+        assert layout.places["stiction"] in layout.changing
 
 
 def test_other_dynamics_have_no_old_standard_deviations() -> None:

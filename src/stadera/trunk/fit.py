@@ -25,7 +25,6 @@ from functools import cached_property
 import numpy as np
 
 from stadera.robot.model import Robot
-from stadera.robot.shapes import FLAT
 from stadera.trunk.block_rows import SwingRows
 from stadera.trunk.error_model import ErrorLayout, ErrorModel
 from stadera.trunk.front import Front
@@ -182,7 +181,7 @@ class ModelFit:
         self.sizes = Sizes(self.model.layout, settings.size_spread)
         self._usual: Array | None = None  # factors on the sizes with which the fit is evaluated
         self.friction: Array | None = None
-        if any(leg.contact == FLAT for leg in robot.legs):
+        if self.model.layout.flat:
             self._usual = np.ones(self.model.layout.count)
             for name in ("stiction", "standstill"):
                 self._usual[self.model.layout.places[name]] = settings.model.gears
