@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -28,6 +28,7 @@ from stadera.identify.settings import IdentifySettings
 from stadera.inertia import ORDER
 from stadera.lab.experiments.legs import LEG, LegCase, impossible_links, torque_figure
 from stadera.lab.experiments.runner import CaseValues, ExperimentResult, Paper, Record
+from stadera.report.numbers import fixed
 from stadera.report.table import Cell, Row, TableData
 from stadera.robot.model import Robot
 from stadera.types import Array
@@ -300,9 +301,7 @@ def _rows(compared: list[Recovered]) -> list[Row]:
     ]
 
 
-def _figure(value: float) -> str:
-    text = f"{value:.4f}"
-    return text.removeprefix("-") if float(text) == 0.0 else text
+_figure = partial(fixed, decimals=4)
 
 
 def _paper_table(links: Mapping[str, Sequence[Sequence[float]]]) -> TableData:

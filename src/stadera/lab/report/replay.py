@@ -1,5 +1,7 @@
 """Tables, figures and page of a replay."""
 
+from pathlib import Path
+
 import numpy as np
 
 from stadera.lab.replay import Replay
@@ -93,7 +95,7 @@ def html(result: Replay) -> str:
     return render(
         "replay.html.j2",
         "stadera.lab.report",
-        title=f"Replay of {result.source}",
+        title=f"Replay of {Path(result.source).name}",
         headline=f"Over {window:g} s the joints' paths by {tested!r} are off by {off} rad, {said}",
         level="good" if ratio < 1.0 else "warning",
         table=model_table(result),

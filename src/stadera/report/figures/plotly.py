@@ -140,7 +140,7 @@ def _labels(series: Series) -> dict[str, Any]:
     """Labels above high points and below low ones."""
     if not series.labels:
         return {}
-    high = np.asarray(series.y) > np.mean(series.y)
+    high = np.asarray(series.y) >= np.mean(series.y)
     return {"text": list(series.labels), "textposition": [f"{'top' if up else 'bottom'} center" for up in high]}
 
 

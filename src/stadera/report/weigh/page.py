@@ -57,7 +57,8 @@ def next_steps(result: Weighing) -> Iterator[str]:
     if result.payload is None or not result.payload.at:
         yield f"Write it into the model file: `{command} --export weighed.urdf`."
     else:
-        yield f"Add it to link {result.payload.at} of the controller's model; programs read it from `{command} --json`."
+        link = result.payload.at
+        yield f"Add it to link {link} of the controller's model; programs read it from `{command} --json F.json`."
 
 
 def _hidden(result: Weighing) -> str | None:

@@ -219,9 +219,9 @@ def how_sure(result: Weighing) -> str:
     if not (isfinite(std) and mass):
         return "The mass is not known."
     low, high = (max(mass + sign * 2.0 * std, 0.0) for sign in (-1.0, 1.0))
-    between = f"By 95 % it is between {number(low, 3)} and {number(high, 3)} kg"
     if std > 0.5 * abs(mass):
-        return f"{between}, which tells next to nothing."
+        return f"By 95 % it is between {number(low, 2)} and {number(high, 2)} kg, which tells next to nothing."
+    between = f"By 95 % it is between {number(low, 3)} and {number(high, 3)} kg"
     if not std:
         return f"Good to 0 %. {between}."
     share = (scale_of(mass, std, alone) or 0.0) ** 2 / (std / mass) ** 2
