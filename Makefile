@@ -18,7 +18,7 @@ demo: $(RUNTIME)
 test: $(DEVELOPMENT)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	$(BIN)/mypy
+	$(BIN)/mypy --num-workers auto
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder # a file in one process: its logs are made once
 
 docs: $(DEVELOPMENT)

@@ -64,7 +64,7 @@ class StandingRobot:
                 self.model, self.data, q, self._feet[leg], pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
             )
             down = -self.robot.legs[leg].foot_radius * normal
-            jacobians.append(J[:3] + np.cross(J[3:].T, down).T)  # of the material point on the sole
+            jacobians.append(J[:3] - pin.skew(down) @ J[3:])  # of the material point on the sole
         stacked = np.vstack(jacobians)
         gravity = pin.computeGeneralizedGravity(self.model, self.data, q)
         force = np.linalg.lstsq(stacked[:, :6].T, gravity[:6], rcond=None)[0]

@@ -179,6 +179,8 @@ def _placed(robot: Robot, feet: np.ndarray) -> np.ndarray:
     for _ in range(12):
         step = np.linalg.solve(foot_jacobians(robot, q), (feet - foot_positions(robot, q))[..., None])[..., 0]
         q[:, columns] += np.clip(step, -0.3, 0.3)
+        if np.abs(step).max() < 1e-12:
+            break
     assert np.abs(feet - foot_positions(robot, q)).max() < 1e-10
     return q
 
@@ -229,7 +231,7 @@ def _inverse_dynamics(
             J = pin.getFrameJacobian(model, work, frame, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
             down = -robot.legs[leg].foot_radius * R[k, 2]
             contact[k, leg] = work.oMf[frame].translation + down
-            rows.append(J[:3] + np.cross(J[3:].T, down).T)
+            rows.append(J[:3] - pin.skew(down) @ J[3:])
         J = np.vstack(rows)
         weight = np.repeat(shares[k], 3)
         f = weight * np.linalg.lstsq(J[:, :6].T * weight, torque[:6], rcond=None)[0]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -17,6 +18,12 @@ from stadera.trunk.estimator import TrunkEstimator
 from stadera.trunk.samples import Samples
 
 
+@cache
+def swaying(name: str, seed: int) -> Recording:
+    """Of standard sensors, for 4 s."""
+    return simulate(load_robot(name), "shake", SimulateSettings("standard", duration=4.0, seed=seed, hold=2)).recording
+
+
 @pytest.mark.parametrize("seed", range(4))
 def test_the_gyro_of_a_robot_at_rest_is_not_turned(seed: int) -> None:
     robot = load_robot("a1")
@@ -27,7 +34,7 @@ def test_the_gyro_of_a_robot_at_rest_is_not_turned(seed: int) -> None:
 @pytest.mark.parametrize(("seconds", "accused"), [(1.0, False), (3.0, True)])
 def test_a_torque_is_only_noise_when_it_lasts(seconds: float, accused: bool) -> None:
     robot = load_robot("hyq")
-    log = simulate(robot, "shake", SimulateSettings("standard", duration=4.0, seed=3, hold=2)).recording
+    log = swaying("hyq", 3)
     assert log.effort is not None
     effort, part = log.effort.copy(), log.time < seconds - 1e-9
     effort[part, 1] = np.random.default_rng(0).normal(0.0, 0.5, np.count_nonzero(part))
@@ -39,7 +46,7 @@ def test_a_torque_is_only_noise_when_it_lasts(seconds: float, accused: bool) -> 
 def test_a_joint_that_holds_nothing_may_be_only_noise(joint: str, accused: bool) -> None:
     """On a flat foot the ankle's roll may idle for a whole log; a knee holds the robot."""
     robot = load_robot("g1")
-    log = simulate(robot, "shake", SimulateSettings("standard", duration=4.0, seed=1)).recording
+    log = swaying("g1", 1)
     assert log.effort is not None
     effort = log.effort.copy()
     effort[:, log.index(joint)] = np.random.default_rng(0).normal(0.0, 0.3, len(log))

@@ -16,6 +16,7 @@ from stadera.lab.scenarios.catalog import SimulateSettings
 from stadera.lab.scenarios.run import simulate
 from stadera.logs import Recording, take
 from stadera.robot import Robot, load_robot
+from stadera.weigh.result import Weighing
 from stadera.weigh.weigh import weigh
 
 
@@ -32,6 +33,14 @@ def shake(hyq: Robot) -> Recording:
 @pytest.fixture(scope="module")
 def trot(hyq: Robot) -> Recording:
     return simulate(hyq, "trot", SimulateSettings("standard", duration=4.0, seed=1, hold=2)).recording
+
+
+@pytest.fixture(scope="module")
+def go2() -> tuple[Robot, Recording, Weighing]:
+    """A Go2 that sways, its log and what it weighs."""
+    robot = load_robot("go2")
+    log = simulate(robot, "shake", SimulateSettings("standard", duration=5.0, seed=3, hold=2)).recording
+    return robot, log, weigh(robot, log)
 
 
 def spoilt(log: Recording, robot: Robot, name: str, seed: int = 0) -> Recording:
@@ -129,22 +138,20 @@ def test_what_a_few_samples_spoil_is_left_out_and_the_rest_is_weighed(hyq: Robot
 
 
 @pytest.mark.parametrize("name", ["five samples of 1e4 N·m", "five samples of three times the limit"])
-def test_a_few_wild_samples_contradict_nothing(name: str) -> None:
+def test_a_few_wild_samples_contradict_nothing(go2: tuple[Robot, Recording, Weighing], name: str) -> None:
     """Nor does the gap that they leave mean that sensors dropped out."""
-    go2 = load_robot("go2")
-    log = simulate(go2, "shake", SimulateSettings("standard", duration=5.0, seed=3, hold=2)).recording
-    clean, bad = weigh(go2, log), weigh(go2, spoilt(log, go2, name))
+    robot, log, clean = go2
+    bad = weigh(robot, spoilt(log, robot, name))
     assert [note[:8] for note in bad.notes if note not in clean.notes] == ["left out"]
     assert bad.mass == pytest.approx(clean.mass, abs=0.5 * clean.mass_std)
 
 
-def test_a_gap_is_told_of_a_log_from_which_samples_are_left_out_too() -> None:
-    go2 = load_robot("go2")
-    log = simulate(go2, "shake", SimulateSettings("standard", duration=5.0, seed=3, hold=2)).recording
-    bad = spoilt(log, go2, "five samples of 1e4 N·m")
+def test_a_gap_is_reported_of_a_log_from_which_samples_are_left_out_too(go2: tuple[Robot, Recording, Weighing]) -> None:
+    robot, log, _ = go2
+    bad = spoilt(log, robot, "five samples of 1e4 N·m")
     lost = np.ones(len(bad), dtype=bool)
     lost[len(bad) // 10 : len(bad) // 8] = False
-    notes = weigh(go2, take(bad, lost)).notes
+    notes = weigh(robot, take(bad, lost)).notes
     assert any(note.startswith("left out") for note in notes)
     assert [note[:14] for note in notes if note.startswith("dropout")] == ["dropout: 1 gap"]
 

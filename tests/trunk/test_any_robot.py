@@ -367,7 +367,7 @@ def test_noise_of_a_g1_that_stands_is_no_load_elsewhere(on: str | None, seed: in
     """With errors as of real robots: rows at rest share one friction, and noise of accelerations tells no place."""
     load = Load(2.67, at=(0.0, 0.03, 0.1) if on is None else (0.05, 0.0, 0.02), on=on)
     robot = of_file("g1")
-    made = simulate(robot, "stand-load", SimulateSettings("real", load, duration=8.0, rate=250.0, seed=seed))
+    made = simulate(robot, "stand-load", SimulateSettings("real", load, duration=8.0, rate=250.0, seed=seed, hold=2))
     found = weigh(robot, made.recording, (0.0, 3.0))
     payload = found.payload
     assert payload is not None

@@ -112,15 +112,15 @@ def ground_normal(feet: Array, stance: Bools, up: Array) -> Array:
     count = stands.sum(axis=1)
     middle = (points * stands[..., None]).sum(axis=1) / np.maximum(count, 1)[:, None]
     away = np.where(stands[..., None], points - middle[:, None], 0.0)
-    first = np.cross(up_of, np.eye(3)[np.abs(up_of).argmin(axis=1)])  # two directions across `up`
-    second = np.cross(up_of, first)
+    turn = skews(up_of)
+    first = np.matvec(turn, np.eye(3)[np.abs(up_of).argmin(axis=1)])  # two directions across `up`
+    second = np.matvec(turn, first)
     angle = np.arctan2(np.matvec(away, second), np.matvec(away, first))
     order = np.argsort(np.where(stands, angle, np.inf), axis=1, kind="stable")
     ring = np.take_along_axis(away, order[..., None], axis=1)  # those off the ground are zero, and come last
     each = np.arange(ring.shape[1])
-    area = np.cross(ring, ring[np.arange(len(ring))[:, None], np.where(each + 1 < count[:, None], each + 1, 0)]).sum(
-        axis=1
-    )
+    following = ring[np.arange(len(ring))[:, None], np.where(each + 1 < count[:, None], each + 1, 0)]
+    area = np.matvec(skews(ring), following).sum(axis=1)
     size = np.linalg.norm(area, axis=1)
     size = np.where(np.vecdot(area, up_of) < 0.0, -size, size)[:, None]
     flat = (count[:, None] < 3) | (size == 0.0)
