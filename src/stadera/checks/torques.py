@@ -257,12 +257,13 @@ def torque_step(footing: Footing) -> tuple[Finding, float] | None:
     if rows is None or not spans:
         return None
     recorded = rows.columns(tuple(range(len(footing.robot.legs)))) @ rows.root
-    found, least = {k: _tested(rows, recorded, *spans[k]) for k in range(0, len(spans), 2)}, 2.0 * np.log(len(spans))
+    landed, least = _landed(rows, recorded[:, 0], spans), 2.0 * np.log(len(spans))
+    found = {k: _tested(rows, recorded, landed, *spans[k]) for k in range(0, len(spans), 2)}
     if max(float(squares.max()) for squares, _ in found.values()) < least:
         return None
-    found |= {k: _tested(rows, recorded, *spans[k]) for k in range(1, len(spans), 2)}
+    found |= {k: _tested(rows, recorded, landed, *spans[k]) for k in range(1, len(spans), 2)}
     tested = [found[k] for k in range(len(spans))]
-    # a load that comes at another time than is tested looks like an offset; what is there all the time shows in all
+    # another load, at yet another time, looks like an offset; what is there all the time shows in all
     steps, offsets = np.array([squares for squares, _ in tested]).swapaxes(0, 1)
     k, kind, lasting = int(np.argmax(steps.max(axis=1))), 0, offsets.min(axis=0)
     if lasting.max() > steps.max():
@@ -311,16 +312,35 @@ def _needed(footing: Footing, span: slice, at: int) -> float:
     return limits.step_gain if sliding.mean() > limits.step_free else limits.step_gain_held
 
 
-def _tested(rows: TrunkRows, recorded: Array, span: slice, at: int) -> tuple[Array, Array]:
+def _landed(rows: TrunkRows, b: Array, spans: Sequence[tuple[slice, int]]) -> int:
+    """The instant from which on a load explains most of b (6 n,), in a stretch around it: to where it is tested, then
+    to an instant. A load that lands at another time than a step is tested at looks like a step there.
+    """
+    limits = rows.footing.limits
+
+    def left(span: slice, at: int) -> float:
+        part, after = slice(6 * span.start, 6 * span.stop), (np.arange(6 * (span.stop - span.start)) >= 6 * at)[:, None]
+        A, values = rows.matrix[part], b[part][:, None]
+        without, with_load = (
+            float(_less(values, _explained(matrix, limits))[0, 0]) for matrix in (A, np.hstack([A, A[:, :4] * after]))
+        )
+        return with_load / max(without, 1e-12)
+
+    span, at = min(spans, key=lambda each: left(*each))
+    around = round(limits.step_every / limits.instant)
+    return int(span.start) + min(range(at - around, at + around + 1), key=lambda k: left(span, k))
+
+
+def _tested(rows: TrunkRows, recorded: Array, landed: int, span: slice, at: int) -> tuple[Array, Array]:
     """z² beyond `_needed` (2, L k) and size (2, L k) as a share of the limit, of a step and of an offset all the time,
     by joint; far below where they are small or the rows do not tell them from a load, and for all joints if the rows
     fit badly.
     """
     limits, part, n = rows.footing.limits, slice(6 * span.start, 6 * span.stop), len(rows.limit)
     A, both, offset = rows.matrix[part], recorded[part], rows.steps[part]
-    after = (np.arange(len(A)) >= 6 * at)[:, None]
+    after, loaded = ((np.arange(len(A)) >= 6 * k)[:, None] for k in (at, landed - span.start))
     columns, p = np.hstack([both, offset * after, offset]), both.shape[1]
-    trunk = np.hstack([A, A[:, :4] * after])
+    trunk = np.hstack([A, A[:, :4] * after, A[:, :4] * loaded])
     products = _less(columns, _explained(trunk, limits))
     fit = Likelihood.of(products[:p, :p], len(A) - trunk.shape[1], limits.order_repeated)
     if fit.variance > limits.order_repeated * limits.step_scatter**2:
