@@ -26,7 +26,7 @@ from stadera.logs.mend import GYRO, Mend
 from stadera.logs.recording import take
 from stadera.robot import Robot, load_robot
 from stadera.robot.imu import ImuMount
-from stadera.weigh import diagnose
+from stadera.weigh import diagnose, weigh
 from stadera.weigh.reading import CheckedLog
 from stadera.weigh.settings import WeighSettings
 from standing import GRAVITY, StandingRobot, static_log
@@ -343,6 +343,18 @@ def test_torques_that_are_zero_throughout(hyq: Robot, clean: Recording) -> None:
     found = diagnose(replace(clean, effort=effort), hyq)
     assert found[0].cause == "no_torque"
     assert repr(clean.joints[3]) in found[0].message
+
+
+def test_a_gyro_that_is_zero_throughout_makes_the_figures_doubtful(hyq: Robot, clean: Recording) -> None:
+    assert clean.imu is not None
+    silent = replace(clean, imu=replace(clean.imu, angular_velocity=np.zeros((len(clean), 3))))
+    found = diagnose(silent, hyq)
+    assert [finding.cause for finding in found] == ["no_gyro"]
+    trust = weigh(hyq, silent).trust
+    assert trust.verdict == "doubtful"
+    assert any("gyro is zero throughout" in reason for reason in trust.reasons)
+    still = replace(silent, position=np.tile(silent.position[:1], (len(silent), 1)))
+    assert not any(finding.cause == "no_gyro" for finding in diagnose(still, hyq))
 
 
 def test_a_log_without_imu_or_torques_is_looked_at_as_far_as_it_goes(hyq: Robot, clean: Recording) -> None:

@@ -233,12 +233,17 @@ def dropouts(recording: Recording) -> Iterator[Finding]:
 
 
 def sensor_findings(recording: Recording, limits: CheckLimits) -> Iterator[Finding]:
-    """Finds gaps in time, torques that are zero, and signals that repeat bit for bit for a while but not elsewhere."""
+    """Finds gaps in time, torques and a gyro that are zero, and signals that repeat bit for bit for a while but not
+    elsewhere.
+    """
     yield from dropouts(recording)
     if recording.effort is not None:
         silent = [j for j, values in zip(recording.joints, recording.effort.T, strict=True) if not values.any()]
         if silent:
             yield Finding("no_torque", f"the torque of {listed([*map(repr, silent)], 4)} is zero throughout")
+    moves = bool((np.ptp(recording.position, axis=0) > limits.rests).any())
+    if moves and recording.imu is not None and not recording.imu.angular_velocity.any():
+        yield Finding("no_gyro", "the gyro is zero throughout, so how the trunk turns is not known")
     groups: dict[tuple[float, float], list[str]] = {}
     for name, values in _signals(recording):
         span = _longest_repeat(recording.time, values, limits)

@@ -32,6 +32,7 @@ _VERDICTS: dict[str, Verdict] = {
     "not_on_feet": "bad",
     "torque_step": "doubtful",
     "pushing": "doubtful",
+    "no_gyro": "doubtful",
 }
 
 
