@@ -148,10 +148,13 @@ def test_help_shows_arguments(name: str) -> None:
 def test_what_is_wanted_is_said() -> None:
     log, six = standing(), np.zeros((4, 6))
     time, q = np.arange(4.0), np.zeros((4, 1))
+    half = stadera.Imu(None, np.zeros((4, 3)))  # type: ignore[arg-type]
     with pytest.raises(stadera.RecordingError, match=r"imu needs stadera\.Imu\(angular_velocity.*ndarray"):
         stadera.Recording.from_arrays(time, q, joints=["a"], imu=six)  # type: ignore[arg-type]
     with pytest.raises(stadera.RecordingError, match=r"needs shape \(4, 3\), got \(3, 4\): transposed"):
         stadera.Recording.from_arrays(time, q, joints=["a"], imu=stadera.Imu(np.zeros((3, 4)), np.zeros((3, 4))))
+    with pytest.raises(stadera.RecordingError, match=r"imu needs stadera\.Imu\(angular_velocity.*got one that is None"):
+        stadera.Recording.from_arrays(time, q, joints=["a"], imu=half)
     with pytest.raises(stadera.ModelError, match="a robot is a name, a path or a Robot, got int"):
         stadera.load_robot(3)  # type: ignore[arg-type]
     with pytest.raises(stadera.RecordingError, match=r"add takes .*Samples, got ndarray; one sample: update"):

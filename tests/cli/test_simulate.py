@@ -110,6 +110,7 @@ def test_every_scenario_has_events_within_its_time() -> None:
         (("stand", "--out", "a.csv", "--slope", "80"), 1, "within ±60°"),
         (("stand", "--out", "a.csv", "--load", "much"), 2, "a load like 5kg or 50N"),
         (("stand", "--out", "a.csv", "--at", "0,0,0"), 2, "needs --load"),
+        (("step", "--out", "a.csv", "--turn", "5"), 2, "goes with the scenarios trot, crawl"),
         (("stand", "--out", "nowhere/a.csv"), 1, "no such folder"),
         (("stand",), 2, "--out"),
     ],

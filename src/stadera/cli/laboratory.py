@@ -80,6 +80,14 @@ class RunOptions:
                 raise typer.BadParameter("needs --load", param_hint=name)
         if (self.motion is None) == (scenario == "motion"):
             raise typer.BadParameter("goes with the scenario motion", param_hint="--motion")
+        motion = scenario.removesuffix("-load")
+        for name, asked, motions in (
+            ("--speed", self.speed is not None, ("trot", "crawl", "step")),
+            ("--turn", self.turn != 0.0, ("trot", "crawl")),
+            ("--amplitude", self.amplitude != 1.0, ("shake", "squat")),
+        ):
+            if asked and motion not in motions:
+                raise typer.BadParameter(f"goes with the scenarios {', '.join(motions)}", param_hint=name)
 
         from stadera.lab.scenarios.catalog import Load, SimulateSettings
         from stadera.logs import read

@@ -138,10 +138,12 @@ class Recording:
         """
         if isinstance(joints, str):
             raise RecordingError(f"{source}: joints needs a list of names, got {joints!r}")
-        if imu is not None and not isinstance(imu, Imu):
+        missing = not isinstance(imu, Imu) or imu.angular_velocity is None or imu.linear_acceleration is None
+        if imu is not None and missing:
+            got = "one that is None" if isinstance(imu, Imu) else type(imu).__name__
             raise RecordingError(
                 f"{source}: imu needs stadera.Imu(angular_velocity, linear_acceleration), each of shape (samples, 3), "
-                f"got {type(imu).__name__}"
+                f"got {got}"
             )
 
         def array(values: ArrayLike | None, name: str) -> Any:
