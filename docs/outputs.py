@@ -1,4 +1,5 @@
-"""Writes what the guides say to expect: python docs/outputs.py (some minutes; needs pip install '.[lab,models]').
+"""Writes what the guides say to expect, and the outputs of the notebooks: python docs/outputs.py (some minutes; needs
+pip install '.[lab,models,docs]'); python docs/outputs.py notebooks writes only these.
 
 The commands of OUTPUTS run in a temporary folder, on the logs that LOGS simulate; the lines of theirs that match stand
 between `<!-- begin out_NAME -->` and `<!-- end out_NAME -->` of a page. MOTIONS is the table of bars by motion.
@@ -94,7 +95,22 @@ def drives(folder: Path) -> str:
     return "\n".join(rows)
 
 
+def notebooks() -> None:
+    """Runs the notebooks and keeps their outputs in them."""
+    import nbformat
+    from nbclient import NotebookClient
+
+    for path in sorted((FOLDER.parent / "examples" / "notebooks").glob("*.ipynb")):
+        book = nbformat.read(path, as_version=4)
+        NotebookClient(book, record_timing=False, resources={"metadata": {"path": str(path.parent)}}).execute()
+        book.metadata.language_info = {"name": "python"}  # without the version of who ran it
+        nbformat.write(book, path)
+
+
 def main() -> None:
+    notebooks()
+    if sys.argv[1:] == ["notebooks"]:
+        return
     with tempfile.TemporaryDirectory() as made:
         folder = Path(made)
         for command in LOGS:

@@ -114,8 +114,8 @@ def excite(
 
 
 def motion_table(robot: Robot, reference: Reference, whole: bool = True) -> Recording:
-    """Converts a motion to a table for a controller: position, velocity and acceleration of each joint over time; if
-    `whole`, with the robot's other joints at rest in the nominal stance.
+    """Converts a motion to a table for a controller: position, velocity and acceleration of each joint over time, to
+    nine decimals; if `whole`, with the robot's other joints at rest in the nominal stance.
     """
     motion: JointMotion = reference
     joints = reference.joints
@@ -126,12 +126,15 @@ def motion_table(robot: Robot, reference: Reference, whole: bool = True) -> Reco
         motion = JointMotion(position, np.zeros_like(position), np.zeros_like(position))
         for name, values in vars(motion).items():
             values[:, columns] = getattr(reference, name)
+    position, velocity, acceleration = (
+        np.round(values, 9) + 0.0 for values in (motion.position, motion.velocity, motion.acceleration)
+    )
     return Recording(
         reference.time,
         joints,
-        motion.position,
-        motion.velocity,
-        motion.acceleration,
+        position,
+        velocity,
+        acceleration,
         source=f"excitation of {robot.name}",
     )
 

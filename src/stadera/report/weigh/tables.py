@@ -40,7 +40,7 @@ def processing(result: Weighing) -> dict[str, str]:
         how = "lag" if lag > 0.0 else "lead"  # commands lead what joints do
         found["Torques"] = f"torques {how} the motion by {with_std(1e3 * abs(lag), 1e3 * std)} ms, which is allowed for"
     if result.spikes:
-        found["Outliers"] = f"{counted(result.spikes, 'sample')} with single wild values, which were replaced"
+        found["Outliers"] = f"single wild values in {counted(result.spikes, 'sample')}, which were replaced"
     if result.impacts:
         found["Impacts"] = f"{result.impacts:.2f} s left out: impacts that the log's rate does not resolve"
     return found
