@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from stadera.errors import ModelError, RecordingError, StaderaError, UnknownNameError
+from stadera.inertia import InertialParameters
 from stadera.lab.laws.static import MassEstimator
 from stadera.lab.plant.plant import Plant
 from stadera.lab.plant.sensors import IDEAL, SensorReading, Sensors, measurement_of, recording_of
@@ -64,6 +65,15 @@ def test_bounds_name_what_is_wrong(robot: Robot) -> None:
         bounds.check(TrunkModel(1e3, prior.com_trunk))
     with pytest.raises(ImplausibleError, match="low < high"):
         TrunkBounds((1.0, 2.0), bounds.high, bounds.low)
+
+
+@pytest.mark.parametrize("name", ["h1", "g1", "talos"])
+def test_a_box_on_the_back_of_a_humanoid_is_plausible(name: str) -> None:
+    """30 % of the robot, half a leg above the hips: its trunk's centre of mass is above half of that already."""
+    robot = load_robot(name)
+    trunk, bounds = robot.inertias[robot.trunk], TrunkBounds.of(robot)
+    box = InertialParameters.from_com(0.3 * robot.mass, np.array([-0.1, 0.0, 0.5 * robot.leg_length]), np.eye(3))
+    assert bounds.complaint(TrunkModel.of(trunk + box)) is None
 
 
 def test_measurement_in_trunk_axes(robot: Robot) -> None:

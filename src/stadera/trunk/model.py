@@ -63,7 +63,8 @@ class PlausibleRange:
     Attributes:
         least_mass: as a share of the model's trunk.
         most_load: largest load on the trunk, as a share of the model's robot.
-        height: distance of the centre of mass above and below the hips, as a share of their height above the feet.
+        height: distance of the centre of mass above and below the hips, as a share of their height above the feet; of
+            a robot whose trunk stands upright on them, above the model's centre of mass.
     """
 
     least_mass: float = 0.1
@@ -95,8 +96,9 @@ class TrunkBounds:
 
         In x and y the box is the rectangle of the feet in the nominal stance (a trunk balanced outside it could not
         stand), of other robots than quadrupeds in the model's zero pose and wider by a quarter of a leg, in z half the
-        standing height above and below the hips. The mass ranges from a tenth of the prior trunk to the prior trunk
-        plus twice the robot's mass.
+        standing height above and below the hips, or above the model's centre of mass where it is not a quadruped's: a
+        box on the back of a G1 raises its centre, 0.14 m above the hips without, to 0.25 m. The mass ranges from a
+        tenth of the prior trunk to the prior trunk plus twice the robot's mass.
         """
         return _bounds_of(robot, plausible or PlausibleRange())
 
@@ -136,11 +138,12 @@ def _bounds_of(robot: Robot, plausible: PlausibleRange) -> TrunkBounds:
     feet, hips = _feet_of(robot), robot.hips
     level = float(hips[:, 2].mean())
     reach = plausible.height * (level - float(feet[:, 2].mean()))
-    prior = robot.inertias[robot.trunk].mass
+    prior = robot.inertias[robot.trunk]
+    top = level if robot.quadruped else max(level, float(prior.com[2]))
     return TrunkBounds(
-        mass=(plausible.least_mass * prior, prior + plausible.most_load * robot.mass),
+        mass=(plausible.least_mass * prior.mass, prior.mass + plausible.most_load * robot.mass),
         low=np.array([*feet[:, :2].min(axis=0), level - reach]),
-        high=np.array([*feet[:, :2].max(axis=0), level + reach]),
+        high=np.array([*feet[:, :2].max(axis=0), top + reach]),
     )
 
 
