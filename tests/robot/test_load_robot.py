@@ -253,6 +253,23 @@ def test_mjcf_anchors_references_and_axes_are_mujocos(toy_mjcf: Robot) -> None:
             np.testing.assert_allclose(rotations[0, i + 1] @ toy_mjcf.tree.axes[i], data.joint(name).xaxis, atol=1e-12)
 
 
+def test_three_slides_and_three_hinges_are_a_free_joint(tmp_path: Path) -> None:
+    """As in models made from OpenSim's; fewer hold the trunk to a plane."""
+    slides = [f'<joint name="t{axis}" type="slide" axis="{axis}"/>' for axis in ("1 0 0", "0 0 1", "0 1 0")]
+    six = "".join(slides + [joint.replace("slide", "hinge").replace('"t', '"r') for joint in slides])
+    toy = load_robot(write(tmp_path, mjcf(), "toy.xml"))
+    same = load_robot(write(tmp_path, mjcf().replace("<freejoint/>", six), "six.xml"))
+    assert (same.tree.joints, same.inertias) == (toy.tree.joints, toy.inertias)
+    assert "neither free nor fixed" in _refused(write(tmp_path, mjcf().replace("<freejoint/>", slides[0]), "one.xml"))
+
+
+def test_an_mjcf_may_name_shapes_of_its_scenes(tmp_path: Path) -> None:
+    """Pairs that may touch, one of them on a floor that another file has."""
+    pair = '<contact><pair geom1="pad" geom2="floor"/></contact><actuator>'
+    text = mjcf().replace('<geom size="0.025"', '<geom name="pad" size="0.025"', 1).replace("<actuator>", pair)
+    assert len(load_robot(write(tmp_path, text, "toy.xml")).legs) == 4
+
+
 def test_mjcf_inertias_give_mujocos_gravity_torques_and_mass_matrix(toy_mjcf: Robot) -> None:
     import pinocchio as pin
 

@@ -26,6 +26,7 @@ _PRIMITIVES = {
     int(mujoco.mjtGeom.mjGEOM_CYLINDER): "cylinder",
     int(mujoco.mjtGeom.mjGEOM_BOX): "box",
 }
+_FREE_BY_SIX = [int(mujoco.mjtJoint.mjJNT_SLIDE)] * 3 + [int(mujoco.mjtJoint.mjJNT_HINGE)] * 3  # in order
 
 
 def read_mjcf(path: Path) -> ModelFile:
@@ -89,10 +90,14 @@ def keep_quiet() -> None:
 
 
 def compile_mjcf(path: Path) -> Any:
-    """MuJoCo's compiled model; meshes that do not affect inertias are omitted, so their files need not exist."""
+    """MuJoCo's compiled model. Omitted are meshes that do not affect inertias, so that their files need not exist, and
+    sensors and pairs of shapes that may touch: those of a robot's file may name shapes of its scene's.
+    """
     keep_quiet()
     with foreign(path, "not an MJCF that MuJoCo can compile", ModelError):
         spec = mujoco.MjSpec.from_file(str(path))
+        for unused in [*spec.pairs, *spec.excludes, *spec.sensors, *spec.keys]:
+            spec.delete(unused)
         if not _inertia_from_meshes(spec):
             _drop_meshes(spec)
         return spec.compile()
@@ -149,7 +154,8 @@ class _CompiledModel:
         """The links, body by body."""
         mj, trunk, count = self.mj, self.bodies[0], 0
         joints = range(mj.body_jntadr[trunk], mj.body_jntadr[trunk] + mj.body_jntnum[trunk])
-        if [int(mj.jnt_type[j]) for j in joints] not in ([], [int(mujoco.mjtJoint.mjJNT_FREE)]):
+        kinds = sorted(int(mj.jnt_type[j]) for j in joints)
+        if kinds not in ([], [int(mujoco.mjtJoint.mjJNT_FREE)], _FREE_BY_SIX):
             raise ModelError(f"{self.path}: body {self._body_name(trunk)!r} is neither free nor fixed to the world")
         places: dict[int, tuple[int, Array]] = {}  # by body, of its link, and its origin there
         for body in self.bodies:
