@@ -21,7 +21,7 @@ from stadera.trunk.joint_errors import Errors
 from stadera.trunk.noise import mean_third_differences_squared
 from stadera.trunk.rows import RowMaker
 from stadera.trunk.samples import Samples
-from stadera.trunk.segment import RowSums, Segment, WeightedRows, robot_weight, unit_of_rows, weighted
+from stadera.trunk.segment import RowSums, Segment, WeightedRows, unit_of_rows, weighted
 from stadera.trunk.settings import ModelErrors, SwingDetection, TrunkSettings
 from stadera.trunk.sizes import Sizes
 from stadera.trunk.swing import SwingJoints
@@ -46,7 +46,7 @@ def rows(walk: Walk) -> tuple[tuple[WeightedRows, ...], ErrorModel, float]:
     squares = mean_third_differences_squared(s.table[:, 1:], window)
     at = motion.normal[window.edges[:-1] + BLOCK // 2][window.block]
     blocks = maker.blocks(s, sizes, maker.motion(s)._replace(normal=at), trunk, squares)[0]
-    unit = unit_of_rows(robot_weight(ROBOT), length)
+    unit = unit_of_rows(ROBOT)
     made = [weighted(block, unit) for block in blocks if block is not None]
     return tuple(made), ErrorModel(ROBOT, ModelErrors(), length), length
 

@@ -166,10 +166,15 @@ class TrunkEstimator:
 
     def _steps(self, table: Array) -> Iterator[float]:
         self._print = crc32(table.tobytes(), self._print)
-        for made in self._front.take(table):
-            yield made.due
-            self._learn(made)
-            self._front.ahead = max(self._fit.due - self._history.blocks, 1)
+        self._front.take(table)
+
+        def steps() -> Iterator[float]:
+            for made in self._front.made():
+                yield made.due
+                self._learn(made)
+                self._front.ahead = max(self._fit.due - self._history.blocks, 1)
+
+        return steps()
 
     def tare(self) -> None:
         """Makes the present estimate of the trunk the reference for `payload`.
@@ -305,7 +310,7 @@ class TrunkEstimator:
         """Mass added since the tare; None without a tare."""
         if (tare := self._history.tare) is None:
             return None
-        now, errors = self._history.loaded or self._history.current, self._fit.errors
+        now, errors = self._history.carried, self._fit.errors
         limit = ObservedLimits().com * self.robot.leg_length
         if now.load is not None and now.held is not None:
             return self._where.payload(now.load, now.held.at, errors, limit)
@@ -317,7 +322,7 @@ class TrunkEstimator:
     def _difference(self, tare: Segment, outside: Correction | None) -> tuple[Array, Array, Array]:
         """The payload's ten parameters, their covariance, and `Errors.by_scale`."""
         errors, p = self._fit.errors, self._fit.errors.mean
-        now = self._history.loaded or self._history.current
+        now = self._history.carried
         found = now.mean(p) - tare.mean(p), errors.difference_covariance(tare, now, errors.alike(tare, now))
         by_scale = errors.by_scale(now.sensitivity - tare.sensitivity)
         if outside is None:
@@ -336,7 +341,7 @@ class TrunkEstimator:
         Raises:
             IdentificationError: no tare.
         """
-        tare, now = self._history.tare, self._history.loaded or self._history.current
+        tare, now = self._history.tare, self._history.carried
         if tare is None:
             raise IdentificationError("a test weight is known since a tare, and there is none")
         place, again = np.array([0.0, 0.0, 0.3 * self.robot.leg_length]), replace(now, _last=[])
@@ -355,7 +360,7 @@ class TrunkEstimator:
     def _bars_with(self, more: Knowledge) -> tuple[float, float]:
         known = (*(other for other in self._known if other.what != more.what), more)
         tare, trunk = self._history.tare, sqrt(float(self._read(known).covariance[0, 0]))
-        now = self._history.loaded or self._history.current
+        now = self._history.carried
         if tare is None or now.load is not None:
             return inf, trunk
         outside = self._correction(known)
@@ -452,7 +457,7 @@ class TrunkEstimator:
 
     def _correction(self, known: Sequence[Knowledge]) -> Correction | None:
         """By what is known, of the payload since the tare."""
-        errors, now, tare = self._fit.errors, self._history.loaded or self._history.current, self._history.tare
+        errors, now, tare = self._fit.errors, self._history.carried, self._history.tare
         return Correction.by(known, errors, now, alike=0.0 if tare is None else errors.alike(tare, now))
 
     def _read(self, known: tuple[Knowledge, ...]) -> Reading:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterator, Sequence
 from math import inf
 from typing import NamedTuple
@@ -20,7 +21,7 @@ from stadera.trunk.error_model import ErrorLayout
 from stadera.trunk.ground import GroundNormal, turned
 from stadera.trunk.measurement import Measurement
 from stadera.trunk.rows import RowMaker
-from stadera.trunk.samples import SampleBuffer, Samples
+from stadera.trunk.samples import SampleBuffer, Samples, Stretch
 from stadera.trunk.settings import TrunkSettings
 from stadera.trunk.spikes import SpikeFilter
 from stadera.trunk.window import Window, window_of
@@ -82,11 +83,9 @@ class Front:
         limits = [robot.limits[joint] for joint in robot.tree.joints]
         self._stops = np.array([[limit.lower, limit.upper] for limit in limits])
         self.shape = robot.inertias[robot.trunk]
-        self._maker, self._sampling = (
-            RowMaker(robot, mount, settings.swing, places),
-            ErrorLayout.of(robot).places["sampling"],
-        )
-        self._buffer = SampleBuffer(robot.tree.joints, settings)
+        self._maker = RowMaker(robot, mount, settings.swing, places)
+        self._sampling = ErrorLayout.of(robot).places["sampling"]
+        self._buffer, self._waiting = SampleBuffer(robot.tree.joints, settings), deque[Stretch]()
         self._ground, self._spikes = GroundNormal(self._maker.weight), SpikeFilter()
         self.seen = self.impacts = 0.0
         self.ahead = 1
@@ -106,10 +105,6 @@ class Front:
         """Announces that the next samples do not continue the previous ones; their rate may differ."""
         self._buffer = SampleBuffer(self._robot.tree.joints, self._settings)
         self._forget()
-
-    def interrupt(self) -> None:
-        """Announces that the next samples do not follow the previous ones."""
-        self._maker.restart()
 
     def measured(
         self,
@@ -142,13 +137,18 @@ class Front:
         """Stores a measurement; the table of all stored ones, for `take`, once a block is full."""
         return self._buffer.gather(measurement)
 
-    def take(self, table: Array) -> Iterator[Made]:
-        """The blocks that these samples complete, see `Samples.table`, one by one; `ahead` at a time are computed."""
-        for stretch in self._buffer.take(table):
+    def take(self, table: Array) -> None:
+        """Takes in samples, see `Samples.table`; the blocks that they complete are then `made`."""
+        self._waiting.extend(self._buffer.take(table))
+
+    def made(self) -> Iterator[Made]:
+        """The blocks that samples have completed, one by one; `ahead` at a time are computed."""
+        while self._waiting:
+            stretch = self._waiting.popleft()
             if stretch.reason:
                 yield Made(refusal=stretch.reason, due=stretch.begin)
             if stretch.gap:
-                self.interrupt()
+                self._maker.restart()
                 if stretch.gap > self._settings.lost_ground:
                     self._forget()
             edges, begin = stretch.edges, 0

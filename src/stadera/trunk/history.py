@@ -14,7 +14,7 @@ from stadera.robot.model import Robot
 from stadera.trunk.block_rows import BlockRows
 from stadera.trunk.error_model import ErrorLayout, limb_limits
 from stadera.trunk.placed import Blocks, Held
-from stadera.trunk.segment import RowSums, Segment, WeightedRows, robot_weight, unit_of_rows, weighted
+from stadera.trunk.segment import RowSums, Segment, WeightedRows, unit_of_rows, weighted
 from stadera.trunk.settings import OutlierSettings, TrunkSettings
 from stadera.types import Array
 
@@ -123,7 +123,7 @@ class History:
         of_limbs = float(np.hypot(sizes.limbs * sizes.coulomb, sizes.offset))
         self._of_limbs = of_limbs * limb_limits(robot)
         self._wide = wide_prior(robot)
-        self._unit = unit_of_rows(robot_weight(robot), robot.leg_length)
+        self._unit = unit_of_rows(robot)
         few = robot.unfelt_std[list(layout.unfelt)]
         self._unfelt = (layout.places["unfelt"], few) if len(few) else None
         self._friction = None if friction is None else (layout.places["offset"], friction)
@@ -152,6 +152,11 @@ class History:
     def loaded(self) -> Segment | None:
         """The trunk by the rows since the tare alone, until a change is detected; None without a tare."""
         return self._loaded[-1]
+
+    @property
+    def carried(self) -> Segment:
+        """The same, or without a tare the present estimate."""
+        return self.loaded or self.current
 
     @property
     def present(self) -> Segment:
@@ -207,7 +212,7 @@ class History:
             last = self.loaded if since is None or since.blocks < enough else since
             return self._sum((*self.finished, self.tare, last))
         last = self.aged if self.aged.blocks >= enough or self.finished else self.current
-        return self._sum((last,)) if self._earlier is None else self._earlier.plus(last)
+        return self._sum((last,)) if self._earlier is None else self._earlier + self._sum((last,))
 
     def add(self, made: BlockRows, errors: Array) -> WeightedRows:
         """Adds a block, and returns its rows with their weight; `errors` are p̂."""

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
+from math import isfinite
 
 import numpy as np
 
@@ -18,6 +19,19 @@ from stadera.logs.recording import Recording
 from stadera.robot.imu import ImuMount, force_at_origin
 from stadera.robot.model import Robot
 from stadera.types import Array, Bools
+
+_SPOKEN = {
+    "time": "time",
+    "joint_position": "joint position",
+    "joint_velocity": "joint velocity",
+    "effort": "effort",
+    "angular_velocity": "angular velocity",
+    "specific_force": "specific force",
+    "rotation": "orientation",
+    "foot_position": "foot position",
+    "extra": "other joints",
+}
+"""Channels of a measurement, as they are named to people."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,6 +126,16 @@ def measurements_of(
             lever=lever,
             extra=extra[k],
         )
+
+
+def not_finite(m: Measurement, joints: tuple[str, ...]) -> str:
+    """Describes the values of a measurement that are not finite; empty if all are finite."""
+    values = {name: getattr(m, name) for name in _SPOKEN if getattr(m, name) is not None}
+    if isfinite(sum(float(np.sum(value)) for value in values.values())):
+        return ""
+    name, value = next((name, value) for name, value in values.items() if not np.isfinite(value).all())
+    joint = f" of joint {joints[int(np.argmin(np.isfinite(value)))]!r}" if np.shape(value) == (len(joints),) else ""
+    return f"not finite: {_SPOKEN[name]}{joint}"
 
 
 def extra_states(recording: Recording, robot: Robot) -> Array:

@@ -13,7 +13,7 @@ from stadera.errors import RecordingError
 from stadera.logs.recording import Recording
 from stadera.robot.imu import ImuMount
 from stadera.robot.model import Robot
-from stadera.trunk.measurement import Measurement, extra_states
+from stadera.trunk.measurement import Measurement, extra_states, not_finite
 from stadera.trunk.settings import TrunkSettings
 from stadera.types import Array, Bools
 
@@ -22,7 +22,7 @@ _ROOM = 32  # samples for which there is room at first
 
 _NONE = np.zeros((0, 0))
 _NAMES = ("time", "position", "velocity", "effort", "angular_velocity", "specific_force", "extra")
-_SPOKEN = ("time", "joint position", "joint velocity", "effort", "angular velocity", "specific force", "other joints")
+_OF_ONE = ("time", "joint_position", "joint_velocity", *_NAMES[3:])  # the same of a `Measurement`
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,15 +81,7 @@ class Samples:
     @classmethod
     def of(cls, measurements: Sequence[Measurement]) -> Samples:
         """From measurements, at least one."""
-        return cls(
-            np.array([m.time for m in measurements]),
-            np.array([m.joint_position for m in measurements]),
-            np.array([m.joint_velocity for m in measurements]),
-            np.array([m.effort for m in measurements]),
-            np.array([m.angular_velocity for m in measurements]),
-            np.array([m.specific_force for m in measurements]),
-            np.array([m.extra for m in measurements]),
-        )
+        return cls(*(np.array([getattr(m, name) for m in measurements]) for name in _OF_ONE))
 
     @classmethod
     def of_table(cls, table: Array, joints: int) -> Samples:
@@ -236,15 +228,7 @@ class SampleBuffer:
         """Why a sample is not used."""
         if np.isfinite(sample).all():
             return f"time must increase, got {sample[0]:.6f} s after {self._last:.6f} s"
-        return f"not finite: {self._not_finite(int(np.argmin(np.isfinite(sample))))}"
-
-    def _not_finite(self, column: int) -> str:
-        """What a column of the table is, for a message."""
-        joints = len(self._joints)
-        if 1 <= column < 1 + 3 * joints:
-            kind, at = divmod(column - 1, joints)
-            return f"{_SPOKEN[1 + kind]} of joint {self._joints[at]!r}"
-        return _SPOKEN[0 if column == 0 else min(4 + (column - 1 - 3 * joints) // 3, 6)]
+        return not_finite(next(iter(Samples.of_table(sample[None], len(self._joints)))), self._joints)
 
 
 def _stored(table: Array, k: int, time: float, *channels: Array) -> bool:

@@ -364,15 +364,14 @@ def _summed(residues: list[Array], scale: float, known: Array | None, width: int
     return total if known is None else total + scale * known
 
 
-def unit_of_rows(robot_weight: float, length: float) -> Array:
+def unit_of_rows(robot: Robot) -> Array:
     """Unit of the rows (6,): 1 % of the robot's weight [N], of moments that with the leg's length as lever [N·m].
 
     It is the same for all blocks. Weights that follow the white noise of each block would be optimal if that were the
     only error. On real robots they are worse: the apparent momentum from late torques, rotor inertia and friction
     cancels over whole steps, but only if all phases of a step count about equally.
     """
-    unit = 0.01
-    return np.asarray(unit * robot_weight * np.array([1.0, 1.0, 1.0, length, length, length]))
+    return np.asarray(0.01 * GRAVITY * robot.mass * np.array([1.0, 1.0, 1.0, *3 * [robot.leg_length]]))
 
 
 def weighted(
@@ -445,36 +444,29 @@ class RowSums:
     @classmethod
     def of(cls, segments: Sequence[Segment], repeated: float, returning: float = inf, strides: float = inf) -> RowSums:
         """Sums up segments of the same robot."""
-        first, *others = segments
-        sums = first.remainder, first.in_motion, first.moved
-        more = first.stepped, first.limb_count, first.of_limbs
-        total = cls(*sums, repeated, first.white, returning, strides, *more)
-        for segment in others:
-            total = total.plus(segment)
-        return total
-
-    def plus(self, segment: Segment) -> RowSums:
-        """With one more segment."""
-        return RowSums(
-            self.remainder + segment.remainder,
-            self.in_motion + segment.in_motion,
-            self.weight + segment.moved,
-            self.repeated,
-            self.white + segment.white,
-            self.returning,
-            self.strides,
-            self.stepped + segment.stepped,
-            self.limb_count + segment.limb_count,
-            self.of_limbs + segment.of_limbs,
+        first, *others = (
+            cls(
+                segment.remainder,
+                segment.in_motion,
+                segment.moved,
+                repeated,
+                segment.white,
+                returning,
+                strides,
+                segment.stepped,
+                segment.limb_count,
+                segment.of_limbs,
+            )
+            for segment in segments
         )
+        return sum(others, first)
+
+    def __add__(self, other: RowSums) -> RowSums:
+        names = ("remainder", "in_motion", "weight", "white", "stepped", "limb_count", "of_limbs")
+        return replace(self, **{name: getattr(self, name) + getattr(other, name) for name in names})
 
     @property
     def repeats(self) -> float:
         """Number of rows that share one error [1]."""
         returned = (self.weight - self.stepped) / self.returning + self.stepped / self.strides
         return self.repeated * max(returned, 1.0)
-
-
-def robot_weight(robot: Robot) -> float:
-    """Weight of the robot model [N]."""
-    return GRAVITY * robot.mass

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
+from math import inf
 
 from stadera.errors import ModelError, StaderaError, require_positive
 
 
-def _positive(settings: ChangeSettings | OutlierSettings | SwingDetection, *or_zero: str) -> None:
+def _positive(settings: ChangeSettings | OutlierSettings | SwingDetection | TrunkSettings, *or_zero: str) -> None:
     """Raises StaderaError where a number is not finite and above zero; those named may be zero."""
-    numbers = [name for name, value in vars(settings).items() if not isinstance(value, tuple)]
+    numbers = [name for name, value in vars(settings).items() if isinstance(value, int | float)]
     require_positive(type(settings).__name__, settings, numbers, or_zero)
 
 
@@ -61,8 +62,8 @@ class ModelErrors:
             mean squares, and from quarter to quarter, 6 and 18 s apart, 0.028 and 0.059 %, 0.014 and 0.029 %: it grows
             at least with the square root of the time. Loaded drives warm up more.
         surest: least standard deviation of these terms of an identified joint, share of an unidentified one's [1].
-        alike: correlation of rotor inertia and friction between the four legs' joints of one kind [1], which have
-            drives of one type.
+        alike: correlation of rotor inertia and friction between the legs' joints of one kind [1], which have drives of
+            one type.
         load_friction: friction as a share of the torque that a joint carries [1], in addition to Coulomb friction.
             Planetary gears lose about 3 % a stage, harmonic drives 10 to 20 %; on real walks of a Mini Cheetah and legs
             of a Go2 friction that grows with the torque leaves half to three quarters of the knees' residual.
@@ -122,13 +123,11 @@ class ModelErrors:
     limbs: float = 3.0
 
     def __post_init__(self) -> None:
-        for size in fields(self):
-            value = getattr(self, size.name)
-            if not (value >= 0.0 and value < float("inf")):
-                raise ModelError(f"model error {size.name!r} must be finite and not negative, got {value}")
-        for name in ("alike", "sagging", "renewed"):
-            if getattr(self, name) >= 1.0:
-                raise ModelError(f"model error {name!r} is a correlation below 1, got {getattr(self, name)}")
+        for name, value in vars(self).items():
+            if not 0.0 <= value < inf:
+                raise ModelError(f"model error {name!r} must be finite and not negative, got {value}")
+            if name in ("alike", "sagging", "renewed") and value >= 1.0:
+                raise ModelError(f"model error {name!r} is a correlation below 1, got {value}")
 
 
 @dataclass(frozen=True)
@@ -231,20 +230,15 @@ class ChangeSettings:
 
     def __post_init__(self) -> None:
         _positive(self, "least_change", "history", "spoilt")
-        if list(self.windows) != sorted(set(self.windows)) or not self.windows or self.windows[0] < 2:
-            raise StaderaError(
-                f"ChangeSettings.windows need lengths of 2 blocks and more that grow, got {self.windows}"
-            )
-        if self.windows[-1] > 2 * self.pending:
-            raise StaderaError(
-                f"ChangeSettings.windows must fit into twice the {self.pending} pending blocks, got {self.windows}"
-            )
-        if self.back not in self.windows:
-            raise StaderaError(f"ChangeSettings.back must be one of the windows {self.windows}, got {self.back}")
+        windows = self.windows
+        if list(windows) != sorted(set(windows)) or not windows or windows[0] < 2:
+            raise StaderaError(f"ChangeSettings.windows need lengths of 2 blocks and more that grow, got {windows}")
+        if windows[-1] > 2 * self.pending:
+            raise StaderaError(f"ChangeSettings.windows must fit into {2 * self.pending} pending blocks, got {windows}")
+        if self.back not in windows:
+            raise StaderaError(f"ChangeSettings.back must be one of the windows {windows}, got {self.back}")
         if self.agreeing > self.deviations:
-            raise StaderaError(
-                f"ChangeSettings.agreeing ({self.agreeing}) must not exceed deviations ({self.deviations})"
-            )
+            raise StaderaError(f"ChangeSettings.agreeing exceeds deviations: {self.agreeing} > {self.deviations}")
 
 
 @dataclass(frozen=True)
@@ -345,26 +339,11 @@ class TrunkSettings:
     placed: float = 0.95
 
     def __post_init__(self) -> None:
-        if not (0.01 <= self.block <= 0.2 and self.memory > 0.0 and self.changes.least_change >= 0.0):
-            raise StaderaError(f"weighing needs a block of 10 to 200 ms, a memory and changes ≥ 0, got {self}")
-        if not (2 <= self.updated <= self.updated_late and self.grown >= 0.0 and self.impact > 0.0):
-            raise StaderaError(f"weighing needs 2 ≤ updated ≤ updated_late, grown ≥ 0 and impact > 0, got {self}")
-        rest = (
-            "after_change",
-            "evaluated",
-            "lost",
-            "bridged",
-            "lost_ground",
-            "size_spread",
-            "explained",
-            "compared",
-            "stop",
-            "doubtful",
-            "bad",
-            "turned",
-            "apart",
-        )
-        require_positive("setting of weighing", self, rest)
+        _positive(self, "grown")
+        if not 0.01 <= self.block <= 0.2:
+            raise StaderaError(f"TrunkSettings.block is a time of 0.01 to 0.2 s, got {self.block}")
+        if not 2 <= self.updated <= self.updated_late:
+            raise StaderaError(f"TrunkSettings need 2 ≤ updated ≤ updated_late, got {self}")
 
     def at_rest(self, block: float) -> TrunkSettings:
         """For a robot that only stands, in blocks of so long [s]: all count alike, and changes need no averages as long

@@ -33,21 +33,9 @@ from stadera.constants import GRAVITY, SATURATED
 from stadera.errors import require_positive
 from stadera.inertia import skew
 from stadera.robot.model import Robot
-from stadera.trunk.measurement import Measurement
+from stadera.trunk.measurement import Measurement, not_finite
 from stadera.trunk.standing.forces import ContactForces
 from stadera.types import Array, Bools
-
-_SPOKEN = {
-    "time": "time",
-    "joint_position": "joint position",
-    "joint_velocity": "joint velocity",
-    "effort": "effort",
-    "angular_velocity": "angular velocity",
-    "specific_force": "specific force",
-    "rotation": "orientation",
-    "foot_position": "foot position",
-}
-"""Channels of a measurement, as they are named to people."""
 
 
 @dataclass(frozen=True)
@@ -259,16 +247,6 @@ class StaticDetector:
             return ""
         by_foot = [change[(foot == first) | (foot == second)].sum() for foot in range(len(self._feet))]
         return f"foot {self._feet[int(np.argmax(by_foot))]} slipped by {100 * change.max():.1f} cm"
-
-
-def not_finite(m: Measurement, joints: tuple[str, ...]) -> str:
-    """Describes the values of a measurement that are not finite; empty if all are finite."""
-    values = {name: getattr(m, name) for name in _SPOKEN if getattr(m, name) is not None}
-    if isfinite(sum(float(np.sum(value)) for value in values.values())):
-        return ""
-    name, value = next((name, value) for name, value in values.items() if not np.isfinite(value).all())
-    joint = f" of joint {joints[int(np.argmin(np.isfinite(value)))]!r}" if np.shape(value) == (len(joints),) else ""
-    return f"not finite: {_SPOKEN[name]}{joint}"
 
 
 def stretched(forces: ContactForces, robot: Robot, meant: Bools | None = None) -> str:

@@ -28,7 +28,7 @@ from stadera.trunk.load import plain
 from stadera.trunk.measurement import Measurement
 from stadera.trunk.model import TrunkModel
 from stadera.trunk.samples import Samples
-from stadera.trunk.segment import robot_weight, unit_of_rows
+from stadera.trunk.segment import unit_of_rows
 from stadera.trunk.settings import TrunkSettings
 from stadera.trunk.standing.detection import StaticDetector
 from stadera.trunk.standing.forces import ContactForceEstimator
@@ -113,7 +113,7 @@ class StandingEstimator(TrunkEstimator):
         model = robot if isinstance(robot, Robot) else load_robot(robot)
         super().__init__(model, start=start, settings=settings, mount=mount, at=model.trunk)
         self._gate, self._forces = StaticDetector(self.robot), ContactForceEstimator(self.robot)
-        self._unit = unit_of_rows(robot_weight(self.robot), self.robot.leg_length)[:, None]
+        self._unit = unit_of_rows(self.robot)[:, None]
         self._at_rest: Measurement | None = None
         self._block: BlockRows | None = None
 
