@@ -54,6 +54,8 @@ from stadera.checks.residual import Footing
 from stadera.inertia import skews
 from stadera.logs.mend import Mend
 from stadera.trunk.error_model import QUIETEST, ErrorModel
+from stadera.trunk.history import wide_prior
+from stadera.trunk.segment import unit_of_rows
 from stadera.trunk.settings import ModelErrors
 from stadera.trunk.wrench import TRUNK_MAP, trunk_signals, wrench_of_specific_force
 from stadera.types import Array
@@ -92,13 +94,12 @@ class TrunkRows:
         still, rest = np.tile(b.position.mean(axis=0), (3, 1)), np.zeros((3, 3))
         fed = body.at(Motion(still, 0.0 * still, 0.0 * still, rest, rest, np.eye(3), np.zeros(3)))
         trunk = robot.inertias[robot.trunk]
-        scale = 0.01 * footing.weight * np.array([1.0, 1.0, 1.0, *[length] * 3])[:, None]
+        scale = unit_of_rows(robot)[:, None]
         A = (TRUNK_MAP @ trunk_signals(a.T, omega.T, alpha.T)).T.reshape(-1, 6, 10) / scale
         state = body.at(motion)
         hidden = state.unfelt.swapaxes(1, 2) * robot.unfelt_std / scale
-        size = robot.mass * np.array([1.0, *[0.5 * length] * 3, *[0.5 * length**2] * 6])
         model = ErrorModel(robot, ModelErrors(), length)
-        chosen = np.concatenate([np.arange(model.layout.count)[model.layout.places[name]] for name in _ERRORS])
+        chosen = model.layout.at(*_ERRORS)
         root = np.eye(1 + len(chosen))
         root[1:, 1:] = np.linalg.cholesky(model.covariance[np.ix_(chosen, chosen)])
         return cls(
@@ -107,7 +108,7 @@ class TrunkRows:
             state,
             hidden,
             [body.at(motion._replace(position=b.position + shift)) for shift in shifts],
-            discounted(A * size, hidden).reshape(-1, 10),
+            discounted(A * wide_prior(robot), hidden).reshape(-1, 10),
             wrench_of_specific_force(trunk.mass, trunk.first_moment) + fed.inertial.sum(axis=1).T,
             scale,
             root,

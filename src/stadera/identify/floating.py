@@ -30,7 +30,7 @@ from stadera.robot.model import Leg, Robot
 from stadera.trunk.drives import TERMS
 from stadera.trunk.error_model import ErrorLayout, ErrorModel
 from stadera.trunk.estimator import TrunkEstimator
-from stadera.trunk.memory import Memory, MemorySettings, days_of, places_of
+from stadera.trunk.memory import OF_ROBOT, Memory, MemorySettings, days_of
 from stadera.trunk.result import TrunkParameters
 from stadera.trunk.samples import Samples
 from stadera.trunk.settings import ModelErrors, TrunkSettings
@@ -57,7 +57,7 @@ class KnownLegs:
     def by(cls, memory: Memory, robot: Robot) -> KnownLegs:
         """What a memory of the robot tells."""
         errors, n = ErrorModel(robot, ModelErrors(), robot.leg_length), len(memory.known) - 1
-        places, std = places_of(errors.layout)[:n], np.sqrt(errors.variance)
+        places, std = errors.layout.at(*OF_ROBOT)[:n], np.sqrt(errors.variance)
         within = np.ix_(places, places)
         covariance, mean = np.diag(errors.variance), np.zeros(errors.layout.count)
         known = memory.known.R[:n, :n]
@@ -180,7 +180,7 @@ def remembered(
         _Columns.of(robot),
         Memory.none(robot).known,
     )
-    names = dict(zip(places_of(errors.layout).tolist(), told.names, strict=True))
+    names = dict(zip(errors.layout.at(*OF_ROBOT).tolist(), told.names, strict=True))
     for prior, known in legs:
         kept = [k for k, name in enumerate(every.columns) if name in prior.columns]
         own = [prior.columns.index(every.columns[k]) for k in kept]

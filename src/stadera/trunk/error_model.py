@@ -14,6 +14,7 @@ from functools import cached_property
 from types import MappingProxyType
 
 import numpy as np
+from numpy.typing import NDArray
 
 from stadera.constants import GRAVITY
 from stadera.robot.limbs import Limbs
@@ -88,6 +89,10 @@ class ErrorLayout:
             {name: slice(end - size, end) for (name, size), end in zip(sizes.items(), ends, strict=True)}
         )
 
+    def at(self, *names: str) -> NDArray[np.int64]:
+        """Indices of the errors of these names in p."""
+        return np.concatenate([np.arange(self.count)[self.places[name]] for name in names])
+
     @cached_property
     def count(self) -> int:
         """Number of errors."""
@@ -115,6 +120,11 @@ class ErrorLayout:
         """
         slow = ("standstill",) if self.flat else ()
         return tuple(self.places[name] for name in ("stiction", *slow, "unfelt", "limb_stiction"))
+
+    @cached_property
+    def changing_at(self) -> NDArray[np.int64]:
+        """Their indices in p."""
+        return np.concatenate([np.arange(place.start, place.stop) for place in self.changing])
 
     @property
     def sticking(self) -> slice:

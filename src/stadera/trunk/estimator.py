@@ -38,9 +38,8 @@ from stadera.trunk.loads import Found, LoadChanges
 from stadera.trunk.measurement import Measurement
 from stadera.trunk.memory import Memory, MemorySettings, told_of
 from stadera.trunk.model import TrunkBounds, TrunkModel
-from stadera.trunk.outside import Correction, Knowledge, on_scale, with_test_weight
+from stadera.trunk.outside import Correction, Knowledge, Reading, on_scale, with_test_weight
 from stadera.trunk.protocol import Status, TrunkEstimate, unobserved
-from stadera.trunk.reading import Reading
 from stadera.trunk.result import ObservedLimits, TrunkParameters
 from stadera.trunk.samples import Samples
 from stadera.trunk.segment import Segment

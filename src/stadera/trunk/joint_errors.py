@@ -37,10 +37,8 @@ from scipy.linalg import lapack
 from stadera.trunk.error_model import QUIETEST, ErrorModel
 from stadera.trunk.placed import Told
 from stadera.trunk.segment import RowSums, Segment
-from stadera.trunk.swing import SwingJoints, inverse_of
+from stadera.trunk.swing import SwingJoints, inverse_of, root_of
 from stadera.types import Array
-
-_ROUNDING = 1e-12  # of a variance: errors that are known exactly have a singular covariance
 
 
 class Errors:
@@ -252,8 +250,8 @@ class Errors:
         177). Without it the places of payloads in twelve simulated trots are 1.4 standard deviations off (rms), their
         masses 1.4; with it 1.0 and 1.0.
         """
-        moved, few = now.mean(self.mean) - earlier.mean(self.mean), slice(0, 4)
-        first, second = (Told(each.inverse[few], each.solution[few], np.empty((4, 0))) for each in (earlier, now))
+        moved = now.mean(self.mean) - earlier.mean(self.mean)
+        first, second = (each.trunk.part(0, 4) for each in (earlier, now))
         rows = first.inverse @ first.inverse.T + second.inverse @ second.inverse.T
         covariance = self._between(first, second, self.alike(now), rows)
         size = np.sqrt(np.diagonal(covariance))
@@ -313,10 +311,7 @@ class _Root:
     @classmethod
     def of(cls, joints: Array, std: Array, gain: slice) -> _Root:
         """Of the covariance of the joints, and the standard deviations of all errors that are estimated."""
-        size = np.sqrt(np.diagonal(joints))
-        correlation = joints / np.outer(*2 * [np.where(size > 0.0, size, 1.0)])
-        correlation.flat[:: len(size) + 1] += _ROUNDING
-        return cls(size[:, None] * np.linalg.cholesky(correlation), std, gain)
+        return cls(root_of(joints), std, gain)
 
     def after(self, rows: Array) -> Array:
         """rows L."""

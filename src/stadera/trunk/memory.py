@@ -187,7 +187,7 @@ class Memory:
 
     def knowledge(self, layout: ErrorLayout, prior: Array, settings: MemorySettings) -> Knowledge | None:
         """What it tells a log whose errors have these variances (errors,) before it; None if next to nothing."""
-        places, last = places_of(layout), len(self.known) - 1
+        places, last = layout.at(*OF_ROBOT), len(self.known) - 1
         U, known, V = np.linalg.svd(self.known.R[:last, :last])
         kept = known**2 > settings.worth
         A = np.zeros((np.count_nonzero(kept) + 1, layout.count))
@@ -286,7 +286,7 @@ def told_of(robot: Robot, model: ErrorModel, start: Array, mean: Array, covarian
         mean, covariance: (errors,) and (errors, errors), after it, with what was known of its load.
     """
     layout, names = model.layout, names_of(robot)
-    at, scale = places_of(layout)[:-1], layout.places[_SCALE].start
+    at, scale = layout.at(*OF_ROBOT)[:-1], layout.places[_SCALE].start
     std, by_scale = np.sqrt(np.maximum(model.variance[at], _ROUNDING)), covariance[at, scale] / covariance[scale, scale]
     start, gain = start.copy(), layout.places["gain"]
     start[gain, gain] -= np.diag(start)[gain].mean() / layout.joints  # the gains' mean is zero
@@ -315,8 +315,3 @@ def _digest(robot: Robot) -> str:
     feet = [leg.foot_position for leg in robot.legs]
     values = np.concatenate([np.ravel(part) for part in (terms, links, feet)])
     return sha256(np.round(values, 9).tobytes()).hexdigest()[:16]
-
-
-def places_of(layout: ErrorLayout) -> Array:
-    """Places of `OF_ROBOT` in p."""
-    return np.concatenate([np.arange(layout.places[name].start, layout.places[name].stop) for name in OF_ROBOT])

@@ -33,7 +33,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import lapack
 
-from stadera.trunk.error_model import QUIETEST, ErrorLayout
+from stadera.trunk.error_model import QUIETEST
+from stadera.trunk.swing import root_of
 from stadera.types import Array
 
 if TYPE_CHECKING:
@@ -129,7 +130,7 @@ def told(since: Segment, held: Held, louder: float) -> TrunkAndLoad:
     elsewhere = np.vstack([T[:, end:], below[:, :loads]])
     columns = np.concatenate([10 * (k - 1) + np.arange(10) for k in held.at])
     at = [of_trunk if k == 0 else elsewhere[:, 10 * (k - 1) : 10 * k] for k in held.at]
-    changing = _changing(layout)
+    changing = layout.changing_at
     earlier = before.triangle[:, 10:end]
     rows = np.vstack(
         [
@@ -147,11 +148,6 @@ def told(since: Segment, held: Held, louder: float) -> TrunkAndLoad:
     return TrunkAndLoad(whole.part(0, 10), whole.part(10, count), left[:, :width], left[:, width:], columns, root)
 
 
-def _changing(layout: ErrorLayout) -> NDArray[np.int64]:
-    """Places of the errors that may be others since the load came."""
-    return np.concatenate([np.arange(place.start, place.stop) for place in layout.changing])
-
-
 def log_odds(
     since: Segment, before: Segment, places: Sequence[Blocks], covariance: Array, repeats: float, wide: Array
 ) -> Array:
@@ -163,10 +159,7 @@ def log_odds(
         repeats: number of rows that share one error.
         wide: (10,), roots of Φ's diagonal, of a load at one place.
     """
-    size = np.sqrt(np.maximum(np.diagonal(covariance), 1e-300))
-    correlation = covariance / np.outer(size, size)
-    correlation.flat[:: len(size) + 1] += _ROUNDING
-    root, changing = size[:, None] * np.linalg.cholesky(correlation), _changing(since.layout)
+    root, changing = root_of(covariance), since.layout.changing_at
     # of errors since the load came, and of those before it that may have changed; scales of torques explain nothing
     shown = root[:, np.union1d(np.arange(since.layout.learnt.stop), changing)]
     here = np.pad(shown, ((0, 0), (0, len(changing))))
@@ -210,9 +203,6 @@ def _determined(root: Array, wide: Array, loud: float) -> float:
     """ln |1 + Φ (R_φᵀ R_φ - Φ⁻¹)/σ²|, of R_φ (n, n) and the roots of Φ's diagonal for each ten unknowns."""
     square = np.linalg.svd(root * np.tile(wide, len(root) // 10), compute_uv=False) ** 2
     return float(np.log1p(np.maximum(square - 1.0, 0.0) / loud).sum())
-
-
-_ROUNDING = 1e-12  # of a variance: errors that are known exactly have a singular covariance
 
 
 def folded(triangle: Array, columns: Array, root: float, unknowns: int) -> tuple[Array, Array]:

@@ -295,20 +295,28 @@ class Segment:
         rest, moving, limbs = (_summed(each, scale, own, width) for each, own in zip(residues, known, strict=True))
         return rest, moving, limbs
 
+    @cached_property
+    def trunk(self) -> Told:
+        """What is known of the trunk, without a load elsewhere."""
+        if self._load is not None:
+            return self._load.trunk
+        inverse = lapack.dtrtri(self.triangle[:, :10])[0]
+        return Told(inverse, inverse @ self.triangle[:, 10 : 11 + self.layout.count], np.empty((10, 0)))
+
     @property
     def inverse(self) -> Array:
         """R⁻¹, (10, 10); (10, more) with a load elsewhere."""
-        return self._inverse if self._load is None else self._load.trunk.inverse
-
-    @property
-    def sensitivity(self) -> Array:
-        """K (10, errors): errors p that are not subtracted move the estimate by K p."""
-        return self.solution[:, 1:]
+        return self.trunk.inverse
 
     @property
     def solution(self) -> Array:
         """R⁻¹ z and K, (10, 1 + errors)."""
-        return self._solution if self._load is None else self._load.trunk.solution
+        return self.trunk.solution
+
+    @property
+    def sensitivity(self) -> Array:
+        """K (10, errors): errors p that are not subtracted move the estimate by K p."""
+        return self.trunk.sensitivity
 
     def mean(self, errors: Array) -> Array:
         """θ̂ (10,), given errors p̂ (errors,)."""
@@ -337,14 +345,6 @@ class Segment:
         if self._load is not None:
             moved = moved - columns[..., end + self._load.columns] @ self._load.load.sensitivity
         return np.asarray(moved)
-
-    @cached_property
-    def _inverse(self) -> Array:
-        return np.asarray(lapack.dtrtri(self.triangle[:, :10])[0])
-
-    @cached_property
-    def _solution(self) -> Array:
-        return np.asarray(self._inverse @ self.triangle[:, 10 : 11 + self.layout.count])
 
 
 def _folded_loads(triangle: Array, rows: Array, keep: float) -> tuple[Array, Array]:

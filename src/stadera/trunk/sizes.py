@@ -65,9 +65,8 @@ class Sizes:
     """
 
     def __init__(self, layout: ErrorLayout, spread: float) -> None:
-        places = layout.places
         self.by_kind = dict.fromkeys(KINDS, 1.0)
-        self._at = {kind: np.concatenate([np.r_[places[n]] for n in names]) for kind, names in KINDS.items()}
+        self._at = {kind: layout.at(*names) for kind, names in KINDS.items()}
         self._layout, self._spread = layout, spread
 
     @property

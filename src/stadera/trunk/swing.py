@@ -19,6 +19,7 @@ from stadera.trunk.settings import SwingDetection
 from stadera.types import Array, Bools
 
 _NONE = 1e-18  # variance of an error that a user takes to be none
+_ROUNDING = 1e-12  # of a variance
 
 
 class SwingJoints:
@@ -164,6 +165,14 @@ class SwingJoints:
                 square = self._square - mean @ (2.0 * self._right - self._normal @ mean)
                 loud = self._settings.repeated * max(float(square) / self.rows, self._settings.quietest)
         return np.asarray(mean), inverse_of(factor), loud
+
+
+def root_of(covariance: Array) -> Array:
+    """L of a covariance L Lᵀ (n, n), which is singular where errors are known exactly."""
+    size = np.sqrt(np.diagonal(covariance))
+    correlation = covariance / np.outer(*2 * [np.where(size > 0.0, size, 1.0)])
+    correlation.flat[:: len(size) + 1] += _ROUNDING
+    return np.asarray(size[:, None] * np.linalg.cholesky(correlation))
 
 
 def inverse_of(factor: Array) -> Array:
