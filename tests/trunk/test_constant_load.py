@@ -39,7 +39,7 @@ def test_marks_are_at_a_quarter_to_half_of_the_weight_and_keep_no_rows() -> None
         if earlier is not None:
             assert 0.25 * segment.blocks - 1.0 <= earlier.blocks <= 0.5 * segment.blocks
             assert not earlier.marks
-            assert not earlier._last
+            assert not earlier.residues.products[0].any()
 
 
 def test_an_estimate_that_moves_is_known_no_better_than_it_moves() -> None:

@@ -343,7 +343,7 @@ class TrunkEstimator:
         tare, now = self._history.tare, self._history.carried
         if tare is None:
             raise IdentificationError("a test weight is known since a tare, and there is none")
-        place, again = np.array([0.0, 0.0, 0.3 * self.robot.leg_length]), replace(now, _last=[])
+        place, again = np.array([0.0, 0.0, 0.3 * self.robot.leg_length]), replace(now)
         return self._bars_with(with_test_weight(self.robot, mass, place, 0.005, 0.005, tare, again))
 
     def bars_remembered(self, logs: int) -> tuple[float, float]:

@@ -50,7 +50,8 @@ from stadera.trunk.error_model import ErrorLayout
 from stadera.trunk.placed import Held, Told, TrunkAndLoad, folded, told
 from stadera.types import Array, Bools
 
-_OF_LIMBS = 2  # place of their remainder, after those of blocks at rest and in motion
+_KINDS = 3  # of residues: of blocks at rest, of blocks in motion, and of limbs
+_OF_LIMBS = 2
 _FIRST_MARK = 25.0  # weight: half a second, as long as a step
 
 
@@ -93,6 +94,36 @@ class WeightedRows(Equations):
         return replace(self, weight=weight)
 
 
+class Residues:
+    """Rows that are left by blocks, of each kind.
+
+    Their products are summed on first use, over all blocks since the last sums that are known: one product of stacked
+    rows instead of one a block.
+
+    Args:
+        width: columns of the rows. before: of the blocks before the last one, None before any, which count `keep`
+            times. rows: of the last block, by kind.
+    """
+
+    def __init__(
+        self, width: int, before: Residues | None = None, keep: float = 1.0, rows: Sequence[tuple[int, Array]] = ()
+    ) -> None:
+        self._width, self._before, self._keep, self._rows = width, before, keep, rows
+
+    @cached_property
+    def products(self) -> list[Array]:
+        """(1 + errors, 1 + errors), of blocks at rest, of blocks in motion, and of limbs."""
+        scale, at, stacked = 1.0, self, [[] for _ in range(_KINDS)]  # type: float, Residues, list[list[Array]]
+        while at._before is not None and "products" not in at.__dict__:
+            for kind, rows in at._rows:
+                stacked[kind].append(sqrt(scale) * rows)
+            scale, at = scale * at._keep, at._before
+        known = at.__dict__.get("products", _KINDS * [np.zeros((self._width, self._width))])
+        self._before, self._rows = None, ()
+        rows_of = [np.concatenate(rows) if rows else np.zeros((0, self._width)) for rows in stacked]
+        return [rows.T @ rows + scale * total for rows, total in zip(rows_of, known, strict=True)]
+
+
 @dataclass(frozen=True, eq=False)
 class Segment:
     """Summed rows.
@@ -109,10 +140,12 @@ class Segment:
         held: where a load is that the trunk does not contain, and the trunk without it; None if there is none.
         slid: (2, joints), joints that have slid forward, and backward, since the first row.
         marks: what was known at up to two earlier blocks, see `earlier`.
+        residues: rows that blocks leave beyond the triangles.
     """
 
     layout: ErrorLayout
     triangle: Array
+    residues: Residues
     count: float = 0.0
     white: float = 0.0
     blocks: int = 0
@@ -125,7 +158,6 @@ class Segment:
     limb_count: float = 0.0
     louder: float = 1.0
     marks: tuple[Segment, ...] = ()
-    _last: list[tuple[Segment, float, tuple[tuple[int, Array], ...]]] = field(default_factory=list, repr=False)
 
     @classmethod
     def prior(cls, mean: Array, std: Array, layout: ErrorLayout, places: int = 0, held: Held | None = None) -> Segment:
@@ -136,7 +168,7 @@ class Segment:
         triangle, below = np.zeros((10, width + 10 * places)), np.zeros((10 * places, 10 * places + width - 10))
         triangle[:, :10], triangle[:, 10] = np.diag(1.0 / std), mean / std
         below[:, : 10 * places] = np.diag(np.tile(1.0 / std, places))
-        return cls(layout, triangle, below=below, held=held, limbs=np.zeros_like(below))
+        return cls(layout, triangle, Residues(width - 10), below=below, held=held, limbs=np.zeros_like(below))
 
     def add(self, rows: WeightedRows, keep: float = 1.0, louder: float | None = None) -> Segment:
         """Returns the segment with one more block, the weight of everything before it multiplied by `keep`.
@@ -157,6 +189,7 @@ class Segment:
         return Segment(
             self.layout,
             triangle,
+            Residues(1 + self.layout.count, self.residues, keep, left),
             keep * self.count + 6.0 * weight,
             keep * self.white + weight * rows.white,
             self.blocks + 1,
@@ -169,14 +202,13 @@ class Segment:
             limb_count,
             self.louder if louder is None else louder,
             self._marked(),
-            [(self, keep, left)],
         )
 
     def _marked(self) -> tuple[Segment, ...]:
         """The marks of the next block: the last two that doubled the weight."""
         if self.weight < (2.0 * self.marks[-1].weight if self.marks else _FIRST_MARK):
             return self.marks
-        return (*self.marks[-1:], replace(self, marks=(), _last=[]))
+        return (*self.marks[-1:], replace(self, marks=(), residues=Residues(1 + self.layout.count)))
 
     @property
     def earlier(self) -> Segment | None:
@@ -212,12 +244,7 @@ class Segment:
 
     def with_load(self, held: Held | None) -> Segment:
         """The same rows with a load elsewhere; itself if it is the same."""
-        if held is self.held:
-            return self
-        out = replace(self, held=held, _last=list(self._last))
-        if "_remainders" in self.__dict__:
-            out.__dict__["_remainders"] = self._remainders
-        return out
+        return self if held is self.held else replace(self, held=held)
 
     @property
     def steps(self) -> bool:
@@ -234,14 +261,14 @@ class Segment:
         """(1 + errors, 1 + errors), products of targets and errors, summed over the trunk's rows after eliminating θ,
         and φ if there is a load elsewhere.
         """
-        left, (rest, moving, _) = self._left(0.0), self._remainders
+        left, (rest, moving, _) = self._left(0.0), self.residues.products
         return rest + moving + left.T @ left
 
     @property
     def of_limbs(self) -> Array:
         """The same of the limbs' rows, after eliminating φ if there is a load elsewhere."""
         left = self.limbs[:, len(self.below) :] if self.held is None else np.zeros((0, 1 + self.layout.count))
-        return self._remainders[2] + left.T @ left
+        return self.residues.products[2] + left.T @ left
 
     @property
     def in_motion(self) -> Array:
@@ -249,12 +276,12 @@ class Segment:
         is of limbs too.
         """
         left = self._left(0.0 if self.held is None else self.louder)
-        return self._remainders[1] + left.T @ left
+        return self.residues.products[1] + left.T @ left
 
     @property
     def beyond(self) -> Array:
         """The same of blocks in which the legs move, and of limbs, without what a load somewhere may explain."""
-        return self._remainders[1] + self.louder * self._remainders[2]
+        return self.residues.products[1] + self.louder * self.residues.products[2]
 
     def _left(self, louder: float) -> Array:
         """(..., 1 + errors), rows of the triangle that are left."""
@@ -276,24 +303,6 @@ class Segment:
     def load(self) -> Told | None:
         """What is known of a load elsewhere than on the trunk."""
         return None if self._load is None else self._load.load
-
-    @cached_property
-    def _remainders(self) -> tuple[Array, Array, Array]:
-        """Of blocks at rest, of blocks in motion, and of limbs.
-
-        Each block adds the products of the rows that it leaves. They are summed on first use, over all blocks since the
-        last segment whose remainders are known: one product of stacked rows instead of one a block.
-        """
-        scale, residues, at = 1.0, ([], [], []), self  # type: float, tuple[list[Array], ...], Segment
-        while at._last and "_remainders" not in at.__dict__:
-            before, keep, left = at._last[0]
-            for kind, residue in left:
-                residues[kind].append(sqrt(scale) * residue)
-            scale, at = scale * keep, before
-        self._last.clear()
-        known, width = at.__dict__.get("_remainders", (None, None, None)), 1 + self.layout.count
-        rest, moving, limbs = (_summed(each, scale, own, width) for each, own in zip(residues, known, strict=True))
-        return rest, moving, limbs
 
     @cached_property
     def trunk(self) -> Told:
@@ -353,15 +362,6 @@ def _folded_loads(triangle: Array, rows: Array, keep: float) -> tuple[Array, Arr
     if not loads:
         return triangle, rows
     return folded(triangle, np.hstack([rows[:, -loads:], rows[:, :-loads]]), sqrt(keep), loads)
-
-
-def _summed(residues: list[Array], scale: float, known: Array | None, width: int) -> Array:
-    """Products of residues, and `scale` times those that are known; None for zero."""
-    if not residues:
-        return np.zeros((width, width)) if known is None else scale * known
-    stacked = np.concatenate(residues)
-    total: Array = stacked.T @ stacked
-    return total if known is None else total + scale * known
 
 
 def unit_of_rows(robot: Robot) -> Array:
