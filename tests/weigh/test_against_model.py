@@ -11,11 +11,9 @@ from stadera.errors import StaderaError, UntrustedError
 from stadera.inertia import InertialParameters
 from stadera.lab.scenarios.catalog import Load, SimulateSettings
 from stadera.lab.scenarios.run import simulate
-from stadera.logs import Imu, Recording
 from stadera.robot import Robot, load_robot
 from stadera.robot.kinematics import foot_positions
 from stadera.robot.stance import standing_configuration
-from stadera.trunk.samples import Samples
 from stadera.weigh import weigh
 from stadera.weigh.against_model import AgreementLimits, Footprint, doubts
 
@@ -32,9 +30,8 @@ def footprint(robot: Robot, tilt: float = 0.0, sway: float = 0.0) -> Footprint:
     time = np.arange(100) / 50.0
     q = standing_configuration(robot) + sway * np.sin(2.0 * time)[:, None] * np.arange(len(robot.tree.joints))
     force = np.tile([9.81 * np.sin(tilt), 0.0, 9.81 * np.cos(tilt)], (100, 1))
-    log = Recording(time, robot.tree.joints, q, 0.0 * q, effort=0.0 * q, imu=Imu(0.0 * force, force, None, None))
     found = Footprint(robot, LIMITS)
-    found.add(Samples.of_recording(log, robot))
+    found.add(time, q, force)
     return found
 
 

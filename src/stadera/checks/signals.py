@@ -3,6 +3,7 @@ stop, and an orientation that contradicts its accelerometer.
 """
 
 from collections.abc import Iterator, Sequence
+from itertools import chain
 
 import numpy as np
 
@@ -218,9 +219,9 @@ def gyro_findings(blocks: Instants, limits: CheckLimits) -> Iterator[Finding]:
         )
 
 
-def dropouts(recording: Recording) -> Iterator[Finding]:
-    """Finds gaps in time."""
-    steps = np.diff(recording.time)
+def dropouts(time: Array) -> Iterator[Finding]:
+    """Finds gaps in time (samples,) [s]."""
+    steps = np.diff(time)
     wide = np.flatnonzero(steps > GAP_FACTOR * np.median(steps)) if len(steps) else np.empty(0, dtype=np.int64)
     if len(wide):
         longest = wide[np.argmax(steps[wide])]
@@ -228,7 +229,7 @@ def dropouts(recording: Recording) -> Iterator[Finding]:
             "dropout",
             f"{len(wide)} gap{'s' * (len(wide) > 1)} in time of more than {GAP_FACTOR:g} samples, "
             f"{steps[wide].sum():.3g} s altogether, the longest {steps[longest]:.3g} s at "
-            f"{recording.time[longest] - recording.time[0]:.3f} s: sensors or the logger dropped out",
+            f"{time[longest] - time[0]:.3f} s: sensors or the logger dropped out",
         )
 
 
@@ -236,7 +237,7 @@ def sensor_findings(recording: Recording, limits: CheckLimits) -> Iterator[Findi
     """Finds gaps in time, torques and a gyro that are zero, and signals that repeat bit for bit for a while but not
     elsewhere.
     """
-    yield from dropouts(recording)
+    yield from dropouts(recording.time)
     if recording.effort is not None:
         silent = [j for j, values in zip(recording.joints, recording.effort.T, strict=True) if not values.any()]
         if silent:
@@ -245,7 +246,9 @@ def sensor_findings(recording: Recording, limits: CheckLimits) -> Iterator[Findi
     if moves and recording.imu is not None and not recording.imu.angular_velocity.any():
         yield Finding("no_gyro", "the gyro is zero throughout, so how the trunk turns is not known")
     groups: dict[tuple[float, float], list[str]] = {}
-    for name, values in _signals(recording):
+    arrays = ("position", "velocity", "effort", "imu.angular_velocity", "imu.linear_acceleration")
+    known = [(recording.columns(name), values.T) for name, values in recording.arrays().items() if name in arrays]
+    for name, values in chain.from_iterable(zip(*each, strict=True) for each in known):
         span = _longest_repeat(recording.time, values, limits)
         if span is not None and not _rests(recording, name, span, limits):
             groups.setdefault(span, []).append(repr(name))
@@ -268,12 +271,6 @@ def _rests(recording: Recording, name: str, span: tuple[float, float], limits: C
         return moved == 0.0
     silent = recording.velocity[:, at] == 0.0
     return moved < limits.rests and bool(silent[inside].all() and not silent.all())
-
-
-def _signals(recording: Recording) -> Iterator[tuple[str, Array]]:
-    for name, values in recording.arrays().items():
-        if name in ("position", "velocity", "effort", "imu.angular_velocity", "imu.linear_acceleration"):
-            yield from zip(recording.columns(name), values.T, strict=True)
 
 
 def _longest_repeat(time: Array, values: Array, limits: CheckLimits) -> tuple[float, float] | None:

@@ -178,9 +178,10 @@ class Front:
         back = skews(0.5 * duration[:, None] * omega)  # from the block's end to its middle
         normal += (back @ normal[:, :, None])[:, :, 0]
         motion = motion._replace(normal=normal[window.block])
+        stops = self._stopped(table[: window.edges[-1] + 2, 1 : 1 + joints], window)
         rows, singular = self._maker.blocks(samples, sizes, motion, self.shape, squares, used)
         made = []
-        for own, leg, there, stop in zip(rows, singular, used, self._stopped(table, window), strict=True):
+        for own, leg, there, stop in zip(rows, singular, used, stops, strict=True):
             if not there:
                 made.append(Made(refusal="the accelerometer reads zero"))
             elif leg is not None:
@@ -199,11 +200,11 @@ class Front:
         self._maker.forget()
         self._ground = GroundNormal(self._maker.weight)
 
-    def _stopped(self, table: Array, window: Window) -> list[str]:
+    def _stopped(self, position: Array, window: Window) -> list[str]:
         """For each block, the refusal of one in which a joint is at its mechanical stop, whose torque no sensor shows;
         else empty.
         """
-        position, stop = table[: window.edges[-1] + 2, 1 : 1 + len(self._stops)], self._settings.stop
+        stop = self._settings.stop
         lower, upper = position.min(axis=0) - self._stops[:, 0], self._stops[:, 1] - position.max(axis=0)
         if min(lower.min(), upper.min()) >= stop:
             return [""] * (len(window.edges) - 1)

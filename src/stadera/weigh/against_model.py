@@ -22,7 +22,6 @@ from stadera.inertia import InertialParameters
 from stadera.robot.kinematics import foot_positions
 from stadera.robot.model import Robot
 from stadera.trunk.load import SIGNIFICANT, Payload
-from stadera.trunk.samples import Samples
 from stadera.trust import Verdict
 from stadera.types import Array
 
@@ -62,18 +61,18 @@ class Footprint:
         # of each leg, times on the ground and sum of all joints' positions then
         self._on, self._sums = np.zeros(len(robot.legs)), np.zeros((len(robot.legs), len(robot.tree.joints)))
 
-    def add(self, samples: Samples) -> None:
-        """Takes in samples of the robot's joints."""
-        period = float(np.median(np.diff(samples.time))) if len(samples) > 1 else 1.0
+    def add(self, time: Array, position: Array, specific_force: Array) -> None:
+        """Takes in samples (n,) [s], of the robot's joints (n, joints) [rad] and IMU (n, 3) [m/s²], trunk axes."""
+        period = float(np.median(np.diff(time))) if len(time) > 1 else 1.0
         kept = slice(None, None, max(1, round(1.0 / (self._limits.rate * period))))
-        position = samples.position[kept]
+        position = position[kept]
         feet = foot_positions(self._robot, position)
         apart = np.linalg.norm(feet[:, self._pairs[0]] - feet[:, self._pairs[1]], axis=-1)
         self._count += len(feet)
         self._feet += feet.sum(axis=0)
-        self._up += samples.specific_force[kept].sum(axis=0)
+        self._up += specific_force[kept].sum(axis=0)
         self._moments += np.array([apart.sum(axis=0), (apart**2).sum(axis=0)])
-        up = samples.specific_force.mean(axis=0)
+        up = specific_force.mean(axis=0)
         up /= max(float(np.linalg.norm(up)), 1e-9)
         self._low += int(lying(self._robot, position, np.tile(up, (len(feet), 1))).sum())
         heights = np.nan_to_num(feet @ up, nan=np.inf)

@@ -154,54 +154,54 @@ class _LogPass:
         return self._estimator
 
     def read(self) -> None:
-        """Processes the log, piece by piece between the timeline's entries, and takes the tare at the end of its
-        range.
-        """
-        request, done = self._request, 0
-        progress, settings = request.progress or (lambda *_: None), request.settings
+        """Processes the log, and takes the tare at the end of its range."""
+        progress, done = self._request.progress or (lambda *_: None), 0
         for chunk in self.log:
             if self._estimator is None:
                 progress("preparing; the first run on a machine compiles for some seconds", 0, 0)
                 self._estimator = self._made(chunk)
-            time = chunk.time
-            self._check_rate(time)
-            if chunk.imu is None and self.log is request.tare:
+            self._check_rate(chunk.time)
+            if chunk.imu is None and self.log is self._request.tare:
                 self.log.notes["no IMU in the tare's log: its vertical is the direction of the feet's forces"] = None
-            if self._shift:
-                chunk = replace(chunk, time=time + self._shift)
-            samples = self._samples_of(chunk)
-            self._footprint.add(samples if isinstance(samples, Samples) else Samples.of(samples))
-            entries = set((np.flatnonzero(np.diff(np.floor(time / settings.entry)) > 0) + 1).tolist())
-            begin, end = 0, len(time)
-            if self._range is not None:
-                begin = int(np.searchsorted(time, self._range[0]))
-                end = int(np.searchsorted(time, self._range[1], "right"))
-                if begin:
-                    self._refuse(float(time[0]), float(time[begin - 1]), "before the tare's time")
-            ends = {begin, end, len(time), *entries, *range(0, len(time), settings.ahead)}
-            steps: Iterator[float] = iter(())
-            if isinstance(samples, Samples) and isinstance(self._estimator, TrunkEstimator):
-                steps = self._estimator.learning(samples[begin:].table)
-            due = next(steps, np.inf)
-            for start, stop in pairwise(sorted(k for k in ends if k >= begin)):
-                if not isinstance(samples, Samples):
-                    self.estimator.add(samples[start:stop])
-                while due <= chunk.time[stop - 1]:
-                    due = next(steps, np.inf)
-                self._time = float(time[stop - 1])
-                if request.watch is not None:
-                    request.watch(samples[start:stop], self.estimator)  # type: ignore[arg-type]
-                self._record(float(time[start]), entry=stop in entries)
-                self._tare_when_due()
-            done += len(time)
+            self._process(chunk)
+            done += len(chunk)
             progress(f"weighing {self.log.source.name}", done, 0)
 
-    def _samples_of(self, chunk: Recording) -> Samples | list[Measurement]:
-        """Samples for the walking estimator, measurements for others."""
-        robot, frame = self._request.robot, self.log.imu_frame
+    def _process(self, chunk: Recording) -> None:
+        """Processes a part of the log, piece by piece between the timeline's entries."""
+        request, time, robot, frame = self._request, chunk.time, self._request.robot, self.log.imu_frame
+        if self._shift:
+            chunk = replace(chunk, time=time + self._shift)
+        samples: Samples | list[Measurement]
         if not self._method.at_rest and isinstance(self._estimator, TrunkEstimator):
-            return Samples.of_recording(chunk, robot, frame)
-        return list(measurements_of(chunk, robot, frame) if chunk.imu else measurements_without_imu(chunk, robot))
+            seen = samples = Samples.of_recording(chunk, robot, frame)
+        else:
+            each = measurements_of(chunk, robot, frame) if chunk.imu else measurements_without_imu(chunk, robot)
+            samples = list(each)
+            seen = Samples.of(samples)
+        self._footprint.add(time, seen.position, seen.specific_force)
+        entries = set((np.flatnonzero(np.diff(np.floor(time / request.settings.entry)) > 0) + 1).tolist())
+        begin, end = 0, len(time)
+        if self._range is not None:
+            begin = int(np.searchsorted(time, self._range[0]))
+            end = int(np.searchsorted(time, self._range[1], "right"))
+            if begin:
+                self._refuse(float(time[0]), float(time[begin - 1]), "before the tare's time")
+        ends = {begin, end, len(time), *entries, *range(0, len(time), request.settings.ahead)}
+        steps: Iterator[float] = iter(())
+        if isinstance(samples, Samples) and isinstance(self._estimator, TrunkEstimator):
+            steps = self._estimator.learning(samples[begin:].table)
+        due = next(steps, np.inf)
+        for start, stop in pairwise(sorted(k for k in ends if k >= begin)):
+            if not isinstance(samples, Samples):
+                self.estimator.add(samples[start:stop])
+            while due <= chunk.time[stop - 1]:
+                due = next(steps, np.inf)
+            self._time = float(time[stop - 1])
+            if request.watch is not None:
+                request.watch(samples[start:stop], self.estimator)  # type: ignore[arg-type]
+            self._record(float(time[start]), entry=stop in entries)
+            self._tare_when_due()
 
     def tare(self, where: str) -> None:
         """Makes the present estimate of the trunk the reference for the payload."""

@@ -23,6 +23,7 @@ from stadera.logs.recording import OtherJoints, with_velocity
 from stadera.robot.model import Robot
 from stadera.trunk.registry import METHODS
 from stadera.trust import Verdict
+from stadera.types import Array, Bools
 from stadera.weigh.result import Refusal
 from stadera.weigh.settings import Source, WeighSettings
 
@@ -102,10 +103,12 @@ class CheckedLog:
             self.end = float(chunk.time[-1])
             duration, limits = self.end - float(chunk.time[0]), self._settings.windows
             self._skip(window_faults(chunk, self._robot, limits), duration)
-            checked = self._used(with_velocity(chunk))
+            checked = with_velocity(chunk)
+            if not (used := self._used(checked.time)).all():
+                checked = take(checked, used)
             self.notes |= dict.fromkeys(checked.notes)
             self.doubts |= {("doubtful", doubt): None for doubt in checked.doubts}
-            for gap in dropouts(chunk):
+            for gap in dropouts(chunk.time):
                 self._note(gap)
             if self.event is not None:
                 self.event = replace(self.event, end=self.end)
@@ -115,19 +118,19 @@ class CheckedLog:
                 self._found(findings, checked, duration)
             else:
                 self._sound = True
-            if len(checked := self._used(checked)):
-                yield checked
+            if (used := self._used(checked.time)).any():
+                yield checked if used.all() else take(checked, used)
 
-    def _used(self, chunk: Recording) -> Recording:
-        """The samples outside the times that are left out."""
-        time, used = chunk.time, np.ones(len(chunk), dtype=bool)
+    def _used(self, time: Array) -> Bools:
+        """Samples at times (n,) [s] that are not left out, (n,)."""
+        used = np.ones(len(time), dtype=bool)
         for part in self.left_out:
             used &= (time < part.begin) | (time > part.end)
         if self.before is not None:
             used &= time > self.before.end
         if self.event is not None:
             used &= time < self.event.begin
-        return chunk if used.all() else take(chunk, used)
+        return used
 
     def _skip(self, faults: Sequence[Finding], duration: float) -> None:
         """Leaves out the parts with faults that are short, and doubts the log for the others."""
