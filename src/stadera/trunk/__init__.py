@@ -5,9 +5,9 @@ from stadera.trunk.ground import ground_normal
 from stadera.trunk.load import LoadChange, Payload
 from stadera.trunk.measurement import Measurement, measurements_of
 from stadera.trunk.model import ImplausibleError, TrunkBounds, TrunkModel
-from stadera.trunk.protocol import Estimator, Status, TrunkEstimate, unobserved
+from stadera.trunk.protocol import Estimator, Status, TrunkEstimate
 from stadera.trunk.registry import METHODS, Method, Setup, make_estimator
-from stadera.trunk.result import TrunkParameters
+from stadera.trunk.result import TrunkParameters, unobserved
 from stadera.trunk.samples import Samples
 from stadera.trunk.settings import ChangeSettings, ModelErrors, OutlierSettings, SwingDetection, TrunkSettings
 from stadera.trunk.standing.detection import StaticDetector, StaticLimits

@@ -39,8 +39,8 @@ from stadera.trunk.measurement import Measurement
 from stadera.trunk.memory import Memory, MemorySettings, told_of
 from stadera.trunk.model import TrunkBounds, TrunkModel
 from stadera.trunk.outside import Correction, Knowledge, Reading, on_scale, with_test_weight
-from stadera.trunk.protocol import Status, TrunkEstimate, unobserved
-from stadera.trunk.result import ObservedLimits, TrunkParameters
+from stadera.trunk.protocol import Status, TrunkEstimate
+from stadera.trunk.result import ObservedLimits, TrunkParameters, unobserved
 from stadera.trunk.samples import Samples
 from stadera.trunk.segment import Segment
 from stadera.trunk.settings import TrunkSettings

@@ -91,6 +91,7 @@ class TrunkBounds:
             raise ImplausibleError(f"bounds of a trunk need low < high, got {self.low}, {self.high}, {self.mass} kg")
 
     @classmethod
+    @lru_cache(maxsize=16)
     def of(cls, robot: Robot, plausible: PlausibleRange | None = None) -> TrunkBounds:
         """Computes the bounds from the robot's model.
 
@@ -100,7 +101,17 @@ class TrunkBounds:
         box on the back of a G1 raises its centre, 0.14 m above the hips without, to 0.25 m. The mass ranges from a
         tenth of the prior trunk to the prior trunk plus twice the robot's mass.
         """
-        return _bounds_of(robot, plausible or PlausibleRange())
+        plausible = plausible or PlausibleRange()
+        feet, hips = _feet_of(robot), robot.hips
+        level = float(hips[:, 2].mean())
+        reach = plausible.height * (level - float(feet[:, 2].mean()))
+        prior = robot.inertias[robot.trunk]
+        top = level if robot.quadruped else max(level, float(prior.com[2]))
+        return cls(
+            mass=(plausible.least_mass * prior.mass, prior.mass + plausible.most_load * robot.mass),
+            low=np.array([*feet[:, :2].min(axis=0), level - reach]),
+            high=np.array([*feet[:, :2].max(axis=0), top + reach]),
+        )
 
     @property
     def spread(self) -> Array:
@@ -131,20 +142,6 @@ class TrunkBounds:
         if (complaint := self.complaint(model)) is not None:
             raise ImplausibleError(complaint)
         return model
-
-
-@lru_cache(maxsize=16)
-def _bounds_of(robot: Robot, plausible: PlausibleRange) -> TrunkBounds:
-    feet, hips = _feet_of(robot), robot.hips
-    level = float(hips[:, 2].mean())
-    reach = plausible.height * (level - float(feet[:, 2].mean()))
-    prior = robot.inertias[robot.trunk]
-    top = level if robot.quadruped else max(level, float(prior.com[2]))
-    return TrunkBounds(
-        mass=(plausible.least_mass * prior.mass, prior.mass + plausible.most_load * robot.mass),
-        low=np.array([*feet[:, :2].min(axis=0), level - reach]),
-        high=np.array([*feet[:, :2].max(axis=0), top + reach]),
-    )
 
 
 def _feet_of(robot: Robot) -> Array:

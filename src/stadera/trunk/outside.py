@@ -233,8 +233,8 @@ def with_test_weight(
         mass: [kg]. com: (3,) [m]. mass_std, com_std: their standard deviations.
         tare: the trunk without it. load: the trunk with it; None for the present load.
     """
-    slope, four, count = np.zeros((4, 4)), np.eye(4, 10), ErrorLayout.of(robot).count
-    slope[0, 0], slope[1:, 0], slope[1:, 1:] = 1.0, com, mass * np.eye(3)
+    slope, four, count = np.diag([1.0, mass, mass, mass]), np.eye(4, 10), ErrorLayout.of(robot).count
+    slope[1:, 0] = com
     covariance = slope @ np.diag([mass_std**2, *[com_std**2] * 3]) @ slope.T + 1e-12 * np.eye(4)
     moments = np.array([mass, *(mass * com)])
     return Knowledge("the test weight", moments, covariance, np.zeros((4, count)), ((load, four), (tare, -four)))

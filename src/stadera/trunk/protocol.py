@@ -21,6 +21,7 @@ from stadera.trunk.load import LoadChange, Payload, centre_slope
 from stadera.trunk.measurement import Measurement
 from stadera.trunk.model import TrunkModel
 from stadera.trunk.result import ObservedLimits, TrunkParameters
+from stadera.trunk.result import unobserved as unobserved
 from stadera.trust import Trust
 from stadera.types import Array, Bools
 
@@ -79,11 +80,6 @@ class TrunkEstimate:
     def observed(self) -> Bools:
         """Whether each component was observed, (4,)."""
         return np.isfinite(np.diag(self.covariance))
-
-
-def unobserved() -> Array:
-    """Covariance of an estimate in which nothing was observed, (4, 4), all NaN."""
-    return np.full((4, 4), np.nan)
 
 
 @runtime_checkable
@@ -172,16 +168,17 @@ class StepEstimator(ABC):
         """Difference from the tare; None without one."""
         if self._tared is None:
             return None
-        total, moments = np.zeros((4, 4)), np.zeros(4)
-        for found, sign in ((self.estimate(), 1.0), (self._tared, -1.0)):
-            mass, centre = found.value[0], found.value[1:]
-            moments += sign * np.array([mass, *(mass * centre)])
-            slope = np.linalg.inv(centre_slope(np.array([mass, *(mass * centre)])))
-            seen = found.observed
-            unknown = np.full(4, (10.0 * self.robot.leg_length) ** 2)  # a centre that was not observed, nor is now
-            covariance = np.where(np.outer(seen, seen), np.nan_to_num(found.covariance), np.diag(~seen * unknown))
-            total += slope @ covariance @ slope.T
-        return Payload.of_moments(moments, total, np.full(3, ObservedLimits().com * self.robot.leg_length))
+        (now, covariance), (before, earlier) = (self._moments(found) for found in (self.estimate(), self._tared))
+        limit = np.full(3, ObservedLimits().com * self.robot.leg_length)
+        return Payload.of_moments(now - before, covariance + earlier, limit)
+
+    def _moments(self, found: TrunkEstimate) -> tuple[Array, Array]:
+        """Mass and first moments (4,) of an estimate, and their covariance (4, 4)."""
+        moments = found.value[0] * np.array([1.0, *found.value[1:]])
+        unknown = np.full(4, (10.0 * self.robot.leg_length) ** 2)  # a centre that was not observed, nor is now
+        seen, slope = found.observed, np.linalg.inv(centre_slope(moments))
+        covariance = np.where(np.outer(seen, seen), np.nan_to_num(found.covariance), np.diag(~seen * unknown))
+        return moments, slope @ covariance @ slope.T
 
     @property
     def changes(self) -> tuple[LoadChange, ...]:

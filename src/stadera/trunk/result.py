@@ -109,7 +109,12 @@ class TrunkParameters:
     @classmethod
     def unobserved(cls, prior: InertialParameters) -> TrunkParameters:
         """The prior, with no component observed."""
-        return cls(prior, np.full((4, 4), np.nan), np.full(6, np.nan), np.zeros(10, dtype=bool))
+        return cls(prior, unobserved(), np.full(6, np.nan), np.zeros(10, dtype=bool))
+
+
+def unobserved() -> Array:
+    """Covariance of an estimate in which nothing was observed, (4, 4), all NaN."""
+    return np.full((4, 4), np.nan)
 
 
 def _possible(inertia_com: Array, least: float) -> Array:
