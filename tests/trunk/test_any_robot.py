@@ -157,7 +157,8 @@ def swaying(
                 last -= np.outer(about, about @ last)
             J.append(whole[: leg.contact])
         stacked = np.vstack(J)
-        needed -= stacked.T @ (np.linalg.pinv(stacked[:, :6].T) @ needed[:6])
+        base = stacked[:, :6]
+        needed -= stacked.T @ (base @ np.linalg.solve(base.T @ base, needed[:6]))  # by the least forces
         assert np.abs(needed[:6]).max() < 1e-8
         effort[k] = needed[order]
     extra_states = np.hstack([q[:, n:], v[:, n:], effort[:, n:]])
@@ -250,7 +251,8 @@ def standing(robot: Robot, load: InertialParameters, rate: float = 50.0, seconds
                 whole[:3] -= pin.skew(point) @ whole[3:]
                 J.append(whole[: leg.contact])
             stacked = np.vstack(J)
-            needed -= stacked.T @ (np.linalg.pinv(stacked[:, :6].T) @ needed[:6])
+            base = stacked[:, :6]
+            needed -= stacked.T @ (base @ np.linalg.solve(base.T @ base, needed[:6]))  # by the least forces
             effort = needed[order] + 0.02 * rng.standard_normal((int(rate * seconds), n))
             parts.append((np.tile(q, (len(effort), 1)), effort, np.tile(9.81 * R[2], (len(effort), 1))))
     q, effort, force = (np.concatenate(values) for values in zip(*parts, strict=True))

@@ -27,7 +27,7 @@ def of_name(name: str) -> Robot:
 def walk() -> Run:
     robot = of_name("g1")
     load = Load(0.1 * robot.mass, at=(0.05, 0.0, 0.02), on=HAND)
-    settings = SimulateSettings("ideal", load, duration=7.5, load_time=LANDS, speed=SPEED, arms=0.3)
+    settings = SimulateSettings("ideal", load, duration=7.5, load_time=LANDS, speed=SPEED, arms=0.3, hold=2)
     return simulate(robot, "step", settings)
 
 
