@@ -62,7 +62,7 @@ def commands() -> str:
     for name, command in group.commands.items():  # a sentence each, which it cuts at 45 letters
         told = f"* [`{name}`](#stadera-{name}): {_sentence(command.help or '')}"
         page = re.sub(rf"(?m)^\* `{name}`: .*", told, page)
-    return page
+    return re.sub(r"(?m)^\* `[^`]{80,}`", lambda long: long[0].replace("|", "` | `"), page)  # else wider than a page
 
 
 def _sentence(text: str) -> str:

@@ -5,11 +5,14 @@ stadera live --robot go2
 python3 examples/live_rclpy_node.py --ros-args -p tare:=true
 """
 
-import rclpy
-from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import InertiaStamped
-from rclpy.node import Node
-from std_srvs.srv import Trigger
+try:
+    import rclpy
+    from diagnostic_msgs.msg import DiagnosticArray
+    from geometry_msgs.msg import InertiaStamped
+    from rclpy.node import Node
+    from std_srvs.srv import Trigger
+except ModuleNotFoundError as missing:
+    raise SystemExit(f"{missing}: run it where ROS 2 is sourced") from None
 
 
 class PayloadFollower(Node):

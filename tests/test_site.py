@@ -16,8 +16,6 @@ import pytest
 from browser import CHROMIUM, DESK, PHONE, SCREEN
 
 ROOT = Path(__file__).resolve().parent.parent
-SAMPLE = ("index", "start", "guides/go2", "guides/drives", "reference/logs", "validation/table4", "validation/peers")
-"""Pages that are opened: with figures, code and the widest tables."""
 FLAGS = ("--headless", "--no-sandbox", "--disable-gpu", "--no-first-run", "--disable-background-networking")
 
 
@@ -41,7 +39,8 @@ def test_the_site_is_whole(site: Path) -> None:
     _links_lead_somewhere(site)
     _pictures_have_no_background(site)
     if CHROMIUM is not None:
-        _pages_fit(site)
+        _pages_fit(site, dark=False)
+        _pages_fit(site, dark=True)
         _search_works_from_a_folder(site)
 
 
@@ -87,18 +86,22 @@ def opened(address: str, *flags: str) -> str:
     return subprocess.run(command, capture_output=True, text=True, check=True, timeout=120).stdout
 
 
-def _pages_fit(site: Path) -> None:
-    """Nothing but a table or code is wider than the page, at a desk and on a phone."""
+def _pages_fit(site: Path, *, dark: bool) -> None:
+    """Nothing but a table or code is wider than any page, at a desk and on a phone, and ink stands out from paper."""
+    names = [page.relative_to(site).as_posix() for page in sorted(site.rglob("*.html")) if page.name != "404.html"]
     frames = "".join(
-        f'<iframe id="{name}-{width}" src="{(site / name).as_uri()}.html" '
-        f'style="width:{width}px;height:{SCREEN}px"></iframe>'
-        for name in SAMPLE
+        f'<iframe id="{name}-{width}" src="{name}" style="width:{width}px;height:{SCREEN}px"></iframe>'
+        for name in names
         for width in (DESK, PHONE)
     )
     script = """<script>addEventListener("load", () => setTimeout(() => {
       document.title = [...document.querySelectorAll("iframe")].filter((frame) => {
-        const root = frame.contentDocument.documentElement;
-        return root.scrollWidth > root.clientWidth + 1 || !frame.contentDocument.querySelector("h1");
+        const root = frame.contentDocument.documentElement, body = frame.contentDocument.body;
+        const parts = (colour) => (colour.match(/[\\d.]+/g) || [0]).slice(0, 3);
+        const light = (colour) => parts(colour).reduce((sum, part) => sum + +part / 3, 0);
+        const paper = light(getComputedStyle(body).backgroundColor), dark = matchMedia("(prefers-color-scheme: dark)");
+        return root.scrollWidth > root.clientWidth + 1 || !frame.contentDocument.querySelector("h1") ||
+          (paper < 128) !== dark.matches || Math.abs(paper - light(getComputedStyle(body).color)) < 100;
       }).map((frame) => frame.id).join(" ") || "all fit";
     }, 1500));</script>"""
     page = site / "frames.html"
@@ -106,7 +109,13 @@ def _pages_fit(site: Path) -> None:
     profile = f"--user-data-dir={site}/profile"
     found = re.search(
         r"<title>(.*?)</title>",
-        opened(page.as_uri(), profile, "--allow-file-access-from-files", "--virtual-time-budget=20000"),
+        opened(
+            page.as_uri(),
+            profile,
+            "--allow-file-access-from-files",
+            "--virtual-time-budget=20000",
+            f"--blink-settings=preferredColorScheme={0 if dark else 1}",
+        ),
     )
     page.unlink()
     assert found is not None
