@@ -33,7 +33,7 @@ from stadera.trunk.fit import ModelFit
 from stadera.trunk.front import Front, Made
 from stadera.trunk.history import History
 from stadera.trunk.joint_errors import Errors
-from stadera.trunk.load import LoadChange, Payload, without_scale
+from stadera.trunk.load import LoadChange, Payload
 from stadera.trunk.loads import Found, LoadChanges
 from stadera.trunk.measurement import Measurement
 from stadera.trunk.memory import Memory, MemorySettings, told_of
@@ -314,8 +314,7 @@ class TrunkEstimator:
         if now.load is not None and now.held is not None:
             return self._where.payload(now.load, now.held.at, errors, limit)
         difference, covariance, by_scale = self._difference(tare, self._outside)
-        found = Payload.of_parameters(difference, covariance, limit)
-        found = replace(found, mass_std_without_scale=without_scale(covariance[0, 0], by_scale[0]))
+        found = Payload.of_parameters(difference, covariance, limit, by_scale)
         return found if len(self._where.candidates) == 1 else self._where.said(found, (0,))
 
     def _difference(self, tare: Segment, outside: Correction | None) -> tuple[Array, Array, Array]:

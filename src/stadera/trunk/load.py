@@ -85,18 +85,20 @@ class Payload:
         }
 
     @classmethod
-    def of_parameters(cls, vector: Array, covariance: Array, limit: float) -> Payload:
+    def of_parameters(cls, vector: Array, covariance: Array, limit: float, by_scale: Array | None = None) -> Payload:
         """Computes a payload from the difference of two trunks' ten parameters.
 
         Args:
             vector: (10,). covariance: (10, 10).
             limit: standard deviation [m] above which a component of the centre of mass counts as not observed.
+            by_scale: (10,), `Errors.by_scale`; None if it is not known.
         """
         found = cls.of_moments(vector[:4], covariance[:4, :4], np.full(3, limit))
         parameters = InertialParameters(vector)
         inertia = observed_inertia(parameters, covariance) if np.isfinite(found.com).all() else None
         std = None if inertia is None else inertia_com_std(parameters, covariance)
-        return replace(found, inertia=inertia, inertia_std=std, parameters=parameters)
+        alone = None if by_scale is None else without_scale(covariance[0, 0], by_scale[0])
+        return replace(found, inertia=inertia, inertia_std=std, parameters=parameters, mass_std_without_scale=alone)
 
     @classmethod
     def of_moments(cls, moments: Array, covariance: Array, limit: Array) -> Payload:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from math import sqrt
 
 import numpy as np
 
@@ -88,18 +89,17 @@ class Whereabouts:
             load.mean(errors.mean),
             errors.by_scale(load.sensitivity),
         )
-        if len(at) > 1:
-            both = np.tile(np.eye(10), len(at))
-            vector, spread = both @ mean, both @ covariance @ both.T
-            found = Payload(float(vector[0]), float(np.sqrt(spread[0, 0])), np.full(3, np.nan), np.full((3, 3), np.nan))
-            alone = without_scale(spread[0, 0], float((both @ by_scale)[0]))
-        else:
+        if len(at) == 1:
             place = self._place(at[0])
             turn = place.rotation.T
             to_frame = parameter_map(turn, -turn @ place.translation)
-            found = Payload.of_parameters(to_frame @ mean, to_frame @ covariance @ to_frame.T, limit)
-            alone = without_scale(covariance[0, 0], by_scale[0])
-        return self.said(replace(found, mass_std_without_scale=alone), at)
+            moved = to_frame @ mean, to_frame @ covariance @ to_frame.T
+            return self.said(Payload.of_parameters(*moved, limit, by_scale), at)
+        both = np.tile([1.0, *np.zeros(9)], len(at))  # the masses
+        mass, variance, scale = float(both @ mean), float(both @ covariance @ both), float(both @ by_scale)
+        unknown = np.full(3, np.nan), np.full((3, 3), np.nan)
+        found = Payload(mass, sqrt(variance), *unknown, mass_std_without_scale=without_scale(variance, scale))
+        return self.said(found, at)
 
     def said(self, payload: Payload, at: Blocks) -> Payload:
         """With where it is; the trunk has no name, see `Payload.at`."""
