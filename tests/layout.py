@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from stadera.trunk.block_rows import WeightedRows
 from stadera.trunk.error_model import ErrorLayout
-from stadera.trunk.segment import WeightedRows
 from stadera.types import Array
 
 LAYOUT = ErrorLayout(joints=12, links=12, contacts=4, legs=(3, 3, 3, 3))

@@ -10,11 +10,12 @@ import pytest
 from layout import ERRORS, LAYOUT, PLACES
 from stadera.information import Information, Unknowns
 from stadera.robot import load_robot
+from stadera.trunk.block_rows import WeightedRows
 from stadera.trunk.error_model import ErrorModel
 from stadera.trunk.fit import Fit
 from stadera.trunk.joint_errors import Errors
 from stadera.trunk.load import centre_slope
-from stadera.trunk.segment import RowSums, Segment, WeightedRows
+from stadera.trunk.segment import RowSums, Segment
 from stadera.trunk.settings import ModelErrors, SwingDetection
 from stadera.trunk.swing import SwingJoints
 

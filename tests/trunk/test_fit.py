@@ -14,6 +14,7 @@ from stadera.logs import Recording
 from stadera.robot import load_robot
 from stadera.robot.imu import ImuMount
 from stadera.trunk import TrunkEstimator
+from stadera.trunk.block_rows import WeightedRows, Weighting, unit_of_rows
 from stadera.trunk.error_model import ErrorModel
 from stadera.trunk.fit import _CAUSES as CAUSES
 from stadera.trunk.fit import Fit
@@ -21,7 +22,7 @@ from stadera.trunk.joint_errors import Errors
 from stadera.trunk.noise import mean_third_differences_squared
 from stadera.trunk.rows import RowMaker
 from stadera.trunk.samples import Samples
-from stadera.trunk.segment import RowSums, Segment, WeightedRows, unit_of_rows, weighted
+from stadera.trunk.segment import RowSums, Segment
 from stadera.trunk.settings import ModelErrors, SwingDetection, TrunkSettings
 from stadera.trunk.sizes import Sizes
 from stadera.trunk.swing import SwingJoints
@@ -46,8 +47,8 @@ def rows(walk: Walk) -> tuple[tuple[WeightedRows, ...], ErrorModel, float]:
     squares = mean_third_differences_squared(s.table[:, 1:], window)
     at = motion.normal[window.edges[:-1] + BLOCK // 2][window.block]
     blocks = maker.blocks(s, sizes, maker.motion(s)._replace(normal=at), trunk, squares)[0]
-    unit = unit_of_rows(ROBOT)
-    made = [weighted(block, unit) for block in blocks if block is not None]
+    weighting = Weighting(unit_of_rows(ROBOT))
+    made = [weighting.weighted(block) for block in blocks if block is not None]
     return tuple(made), ErrorModel(ROBOT, ModelErrors(), length), length
 
 

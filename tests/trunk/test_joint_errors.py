@@ -9,9 +9,10 @@ import pytest
 
 from layout import ERRORS, LAYOUT, LEARNT, PLACES, rows_of
 from stadera.robot import load_robot
+from stadera.trunk.block_rows import WeightedRows
 from stadera.trunk.error_model import ErrorModel
 from stadera.trunk.joint_errors import Errors
-from stadera.trunk.segment import RowSums, Segment, WeightedRows
+from stadera.trunk.segment import RowSums, Segment
 from stadera.trunk.settings import ModelErrors, SwingDetection
 from stadera.trunk.swing import SwingJoints
 

@@ -7,10 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from stadera.trunk.block_rows import WeightedRows
 from stadera.trunk.error_model import QUIETEST, ErrorLayout
 from stadera.trunk.history import RobustWeights
 from stadera.trunk.placed import Held, log_odds
-from stadera.trunk.segment import Segment, WeightedRows
+from stadera.trunk.segment import Segment
 from stadera.trunk.settings import OutlierSettings
 from stadera.types import Array
 

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from layout import ERRORS, LAYOUT, rows_of
+from stadera.trunk.block_rows import WeightedRows
 from stadera.trunk.history import RobustWeights
-from stadera.trunk.segment import Segment, WeightedRows
+from stadera.trunk.segment import Segment
 from stadera.trunk.settings import OutlierSettings
 
 SETTINGS = OutlierSettings(freedom=5.0)

@@ -9,9 +9,9 @@ import pytest
 
 from layout import ERRORS, LAYOUT
 from stadera.robot import load_robot
-from stadera.trunk.block_rows import BlockRows, SwingRows
+from stadera.trunk.block_rows import BlockRows, SwingRows, WeightedRows, Weighting
 from stadera.trunk.history import History
-from stadera.trunk.segment import Segment, WeightedRows, weighted
+from stadera.trunk.segment import Segment
 from stadera.trunk.settings import TrunkSettings
 
 RNG = np.random.default_rng(8)
@@ -121,6 +121,6 @@ def test_what_friction_hides_is_that_of_a_joint_at_rest_or_at_standstill() -> No
     swing = SwingRows(np.zeros(12, dtype=bool), *[np.empty((0, 0))] * 4, slides=np.zeros((2, 12), dtype=bool))
     made = BlockRows(0.0, 0.02, columns, np.ones(6), swing, np.zeros(12))
     unit, std = np.arange(1.0, 7.0), np.linspace(0.1, 1.0, 12)
-    rows = weighted(made, unit, static=(holding, std, 0.4))
+    rows = Weighting(unit, static=(holding, std), rests=0.4).weighted(made)
     assert rows.hidden == pytest.approx(std / unit[:, None])
     assert rows.rests == 0.4

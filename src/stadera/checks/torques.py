@@ -53,9 +53,9 @@ from stadera.checks.limits import CheckLimits
 from stadera.checks.residual import Footing
 from stadera.inertia import skews
 from stadera.logs.mend import Mend
+from stadera.trunk.block_rows import unit_of_rows
 from stadera.trunk.error_model import QUIETEST, ErrorModel
 from stadera.trunk.history import wide_prior
-from stadera.trunk.segment import unit_of_rows
 from stadera.trunk.settings import ModelErrors
 from stadera.trunk.wrench import TRUNK_MAP, trunk_signals, wrench_of_specific_force
 from stadera.types import Array

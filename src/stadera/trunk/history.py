@@ -5,16 +5,16 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import replace
-from math import exp, sqrt
+from math import exp
 from typing import NamedTuple
 
 import numpy as np
 
 from stadera.robot.model import Robot
-from stadera.trunk.block_rows import BlockRows
-from stadera.trunk.error_model import ErrorLayout, limb_limits
+from stadera.trunk.block_rows import BlockRows, WeightedRows, Weighting, noise_of_limbs
+from stadera.trunk.error_model import ErrorLayout
 from stadera.trunk.placed import Blocks, Held
-from stadera.trunk.segment import RowSums, Segment, WeightedRows, unit_of_rows, weighted
+from stadera.trunk.segment import RowSums, Segment
 from stadera.trunk.settings import OutlierSettings, TrunkSettings
 from stadera.types import Array
 
@@ -119,18 +119,8 @@ class History:
         self.at: Blocks = (0,)
         self.before: Segment | None = None
         self._divided = False  # a load began since the tare
-        sizes = settings.model
-        of_limbs = float(np.hypot(sizes.limbs * sizes.coulomb, sizes.offset))
-        self._of_limbs = of_limbs * limb_limits(robot)
         self._wide = wide_prior(robot)
-        self._unit = unit_of_rows(robot)
-        few = robot.unfelt_std[list(layout.unfelt)]
-        self._unfelt = (layout.places["unfelt"], few) if len(few) else None
-        self._friction = None if friction is None else (layout.places["offset"], friction)
-        self._static = None
-        if static is not None and settings.outliers.held < 1.0:  # else all count, whether joints slide or not
-            holding = layout.places["stiction"], layout.places["standstill"]
-            self._static = holding, sqrt(settings.swing.repeated) * static, sizes.rests
+        self._weighting = Weighting.of(robot, layout, settings, friction, static)
         self.blocks = 0
         self.recent: deque[WeightedRows] = deque()
         self._known = deque([Segment.prior(prior, self._wide, layout, places)])  # before each of `recent`, and with all
@@ -140,7 +130,8 @@ class History:
         self._loaded: deque[Segment | None] = deque([None])  # likewise, by the rows since the tare alone
         self._unused = 0  # next blocks that still contain samples before the tare
         self._robust, self._since_tare = RobustWeights(settings.outliers), RobustWeights(settings.outliers)
-        self._robust_limbs = RobustWeights(settings.outliers, (sizes.offset / of_limbs) ** 2, each=True)
+        least = (settings.model.offset / noise_of_limbs(settings.model)) ** 2
+        self._robust_limbs = RobustWeights(settings.outliers, least, each=True)
         self._limbs: list[Array] = []
 
     @property
@@ -217,8 +208,7 @@ class History:
     def add(self, made: BlockRows, errors: Array) -> WeightedRows:
         """Adds a block, and returns its rows with their weight; `errors` are p̂."""
         keep = exp(-made.elapsed / self._settings.memory)
-        rows = weighted(made, self._unit, self._of_limbs, self._unfelt, self._friction, self._static)
-        rows = self._with_limbs(rows, errors)
+        rows = self._with_limbs(self._weighting.weighted(made), errors)
         felt = self.current.felt(rows)
         rows = rows.weighing(self._slides(felt, self.current) * self._robust.weight(felt.columns, self.current, errors))
         keeping = keep * self._kept(rows, self.current)

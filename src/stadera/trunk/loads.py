@@ -8,11 +8,12 @@ from enum import Enum
 import numpy as np
 
 from stadera.robot.model import Robot
+from stadera.trunk.block_rows import WeightedRows
 from stadera.trunk.changes import ChangeDetector, Jump
 from stadera.trunk.history import History, Known, wide_prior
 from stadera.trunk.joint_errors import Errors
 from stadera.trunk.load import SIGNIFICANT, ChangeKind, LoadChange, without_scale
-from stadera.trunk.segment import Segment, WeightedRows
+from stadera.trunk.segment import Segment
 from stadera.trunk.settings import TrunkSettings
 from stadera.trunk.where import Whereabouts
 

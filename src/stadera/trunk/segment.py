@@ -43,9 +43,7 @@ import numpy as np
 from scipy.linalg import lapack
 
 from stadera.body.rows import discounted
-from stadera.constants import GRAVITY
-from stadera.robot.model import Robot
-from stadera.trunk.block_rows import BlockRows, Equations
+from stadera.trunk.block_rows import WeightedRows
 from stadera.trunk.error_model import ErrorLayout
 from stadera.trunk.placed import Held, Told, TrunkAndLoad, folded, told
 from stadera.types import Array, Bools
@@ -53,45 +51,6 @@ from stadera.types import Array, Bools
 _KINDS = 3  # of residues: of blocks at rest, of blocks in motion, and of limbs
 _OF_LIMBS = 2
 _FIRST_MARK = 25.0  # weight: half a second, as long as a step
-
-
-@dataclass(frozen=True, eq=False)
-class WeightedRows(Equations):
-    """Six rows of one block and those of its limbs, in the unit of `weighted`.
-
-    Attributes:
-        time: of the last sample [s].
-        columns: (6, ...), of A, b, C and loads. limbs: (joints, ...), means over several blocks in the unit of their
-            residuals, None in blocks that do not complete them.
-        white: variance of the white noise, summed over the six rows [1].
-        weight, limb_weight: of the rows in sums [1], see `stadera.trunk.history.RobustWeights`.
-        share: of the six rows that friction does not hide [1].
-        slides: (2, joints), joints that slide forward, and backward.
-        hidden: (6, joints), √n H of the module's text; None if it is taken into account.
-        rests: see `ModelErrors`.
-        stepping: a foot moves relative to the others.
-    """
-
-    time: float
-    columns: Array
-    white: float
-    weight: float = 1.0
-    share: float = 1.0
-    slides: Bools = field(default_factory=lambda: np.ones((2, 1), dtype=bool))
-    hidden: Array | None = None
-    rests: float = 1.0
-    stepping: bool = False
-    limbs: Array | None = None
-    limb_weight: float = 1.0
-
-    @cached_property
-    def sliding(self) -> float:
-        """Share of the joints that slide, whose direction of friction is known [1]."""
-        return float(np.count_nonzero(self.slides.any(axis=0)) / self.slides.shape[1])
-
-    def weighing(self, weight: float) -> WeightedRows:
-        """The same with another weight."""
-        return replace(self, weight=weight)
 
 
 class Residues:
@@ -362,57 +321,6 @@ def _folded_loads(triangle: Array, rows: Array, keep: float) -> tuple[Array, Arr
     if not loads:
         return triangle, rows
     return folded(triangle, np.hstack([rows[:, -loads:], rows[:, :-loads]]), sqrt(keep), loads)
-
-
-def unit_of_rows(robot: Robot) -> Array:
-    """Unit of the rows (6,): 1 % of the robot's weight [N], of moments that with the leg's length as lever [N·m].
-
-    It is the same for all blocks. Weights that follow the white noise of each block would be optimal if that were the
-    only error. On real robots they are worse: the apparent momentum from late torques, rotor inertia and friction
-    cancels over whole steps, but only if all phases of a step count about equally.
-    """
-    return np.asarray(0.01 * GRAVITY * robot.mass * np.array([1.0, 1.0, 1.0, *3 * [robot.leg_length]]))
-
-
-def weighted(
-    rows: BlockRows,
-    unit: Array,
-    of_limbs: Array | None = None,
-    unfelt: tuple[slice, Array] | None = None,
-    friction: tuple[slice, Array] | None = None,
-    static: tuple[Sequence[slice], Array, float] | None = None,
-) -> WeightedRows:
-    """Scales rows to their `unit_of_rows`, and those of the limbs to theirs.
-
-    Args:
-        unfelt: places of the errors of that name, and their standard deviations; rows count the less, the more these
-            hide them.
-        friction: places of errors of the joints' torques, and standard deviations of the friction of joints that hardly
-            move [N·m], of whichever direction: it counts as white noise.
-        static: places of errors by static friction, of which each joint has one, and their standard deviations [N·m],
-            times the root of the number of rows that share them; `ModelErrors.rests`.
-    """
-    white, columns = float(rows.white @ unit**-2.0), rows.columns / unit[:, None]
-    if unfelt is not None:
-        hidden = columns[:, 11:][:, unfelt[0]] * unfelt[1]
-        white = float((discounted(np.diag(np.sqrt(rows.white) / unit), hidden) ** 2).sum())
-        columns = discounted(columns, hidden)
-    if friction is not None:
-        white += float(((columns[:, 11:][:, friction[0]] * friction[1]) ** 2 @ rows.unsure).sum())
-    limbs = None if rows.limbs is None or of_limbs is None else rows.limbs / of_limbs[:, None]
-    held: Array | None = None
-    if static is not None:
-        held = static[1] * sum(columns[:, 11:][:, place] for place in static[0])
-    return WeightedRows(
-        rows.time,
-        columns,
-        white,
-        slides=rows.swing.slides,
-        hidden=held,
-        rests=1.0 if static is None else static[2],
-        stepping=rows.swing.stepping,
-        limbs=limbs,
-    )
 
 
 @dataclass(frozen=True, eq=False)

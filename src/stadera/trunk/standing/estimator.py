@@ -21,14 +21,13 @@ from stadera.inertia import skew
 from stadera.robot.imu import ImuMount
 from stadera.robot.load import load_robot
 from stadera.robot.model import Robot
-from stadera.trunk.block_rows import BlockRows
+from stadera.trunk.block_rows import BlockRows, unit_of_rows
 from stadera.trunk.estimator import TrunkEstimator
 from stadera.trunk.front import Made
 from stadera.trunk.load import plain
 from stadera.trunk.measurement import Measurement
 from stadera.trunk.model import TrunkModel
 from stadera.trunk.samples import Samples
-from stadera.trunk.segment import unit_of_rows
 from stadera.trunk.settings import TrunkSettings
 from stadera.trunk.standing.detection import StaticDetector
 from stadera.trunk.standing.forces import ContactForceEstimator
