@@ -52,7 +52,7 @@ def small(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
 def test_missed_bound_is_said_and_is_no_failure(
     run: Callable[..., Any], small: Callable[..., None], tmp_path: Path, value: float, met: bool, words: str
 ) -> None:
-    small(Experiment("mini", "A small one", lambda *_: _result(value)))
+    small(Experiment("mini", lambda *_: _result(value)))
     done = run("reproduce", "mini", "--json", tmp_path / "m.json", "--report", tmp_path / "m.html")
     assert done.code == 0
     assert words in done.out
@@ -70,7 +70,7 @@ def test_all_goes_on_where_data_are_missing_and_says_so(
     def lacking(*_: object) -> ExperimentResult:
         raise MissingDataError("no real logs: nowhere does not exist")
 
-    small(Experiment("lacking", "Lacks its logs", lacking), Experiment("mini", "A small one", lambda *_: _result(0.5)))
+    small(Experiment("lacking", lacking), Experiment("mini", lambda *_: _result(0.5)))
     done = run("reproduce", "all", "--json", tmp_path / "m.json", "--report", tmp_path / "m.html")
     assert done.code == 0
     assert "lacking skipped: no real logs" in done.out
@@ -95,7 +95,7 @@ def test_output_that_cannot_be_written_is_known_before_the_work(
     def never(*_: object) -> ExperimentResult:
         raise AssertionError("ran")
 
-    small(Experiment("mini", "A small one", never))
+    small(Experiment("mini", never))
     done = run("reproduce", "mini", "--json", tmp_path / "nowhere" / "m.json")
     assert done.code == 1
     assert "no such folder" in done.err
@@ -126,7 +126,7 @@ def test_every_page_of_the_paper_says_what_differs_and_where_the_paper_is() -> N
 def test_figures_and_latex_are_written_and_a_wrong_suffix_is_known_before_the_work(
     run: Callable[..., Any], small: Callable[..., None], tmp_path: Path
 ) -> None:
-    small(Experiment("mini", "A small one", lambda *_: _result(0.5)))
+    small(Experiment("mini", lambda *_: _result(0.5)))
     wanted = (
         "--figure",
         tmp_path / "f.png",

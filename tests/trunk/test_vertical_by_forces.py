@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from stadera.inertia import InertialParameters
 from stadera.lab.laws.equilibrium import equilibrium_rows, weight_felt
-from stadera.lab.laws.poses import Alike, PoseMean, centre_of, plausible, with_poses
+from stadera.lab.laws.poses import PoseMean, centre_of, plausible, with_poses
 from stadera.lab.laws.recursive import ContactCom
 from stadera.lab.laws.static import felt_by_mass, stated_errors
 from stadera.logs import Recording
@@ -124,7 +124,7 @@ def test_errors_of_the_trunk_and_of_the_vertical_are_as_large_as_stated() -> Non
             efforts = exact.effort + offset + 0.0033 * LIMIT * rng.standard_normal((60, 12))
             poses.append(PoseMean(replace(exact, effort=efforts[0])))
             for effort in efforts[1:]:
-                assert poses[-1].takes(replace(exact, effort=effort), Alike())
+                assert poses[-1].takes(replace(exact, effort=effort))
         mass, com, covariance = solved(poses)
         off = np.array([mass - PLANT.trunk_mass, *(com - PLANT.trunk_com)]) / np.sqrt(np.diag(covariance))
         m = blind(poses[0].measurement)

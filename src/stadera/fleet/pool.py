@@ -80,12 +80,9 @@ class Pool:
 
 @dataclass(frozen=True)
 class Failure:
-    """Outcome of a task that failed: the reason in one line, and whether its workers died, so that it may succeed
-    another time.
-    """
+    """Outcome of a task that failed: the reason in one line."""
 
     reason: str
-    lost: bool = False
 
 
 def run_tasks(
@@ -158,9 +155,7 @@ def _gathered(client: Any, run: Callable[[Task], Found], tasks: Mapping[str, Tas
         try:
             outcome = future.result()
         except KilledWorker as error:
-            outcome = Failure(
-                f"its worker ended {error.allowed_failures + 1} times, out of memory or killed", lost=True
-            )
+            outcome = Failure(f"its worker ended {error.allowed_failures + 1} times, out of memory or killed")
         yield name, outcome
 
 

@@ -34,20 +34,24 @@ class SignalBaseline(StepEstimator):
     """An estimator that computes rows from averaged signals; subclasses solve them."""
 
     block = 0.01  # averaging time of the signals [s]
+    each_sample = False  # rows of each sample, averaged over the block, instead of rows of the block's mean motion
     settled = 5.0  # time of data after which it counts as converged [s]
     least_residual = 1e-3  # least standard deviation of the residuals, as a share of the robot's weight [1]
 
     def __init__(self, robot: Robot, start: TrunkModel | None = None, mount: ImuMount | None = None) -> None:
         self.robot, self.bounds = robot, TrunkBounds.of(robot)
         self._start = self.bounds.check(start or TrunkModel.prior(robot))
-        self._body, self._length = Body.of(robot, others=False), robot.leg_length
-        length = self._length
+        self._body, length = Body.of(robot, others=False), robot.leg_length
         self._lever = (mount or ImuMount.of(robot)).translation
         self._buffer = SampleBuffer(robot.tree.joints, TrunkSettings(block=self.block))
         self._first = np.nan
         self._scale = robot.mass * np.array([1.0, *[length] * 3, *[length**2] * 6])
         self._limit = ObservedLimits().centre(robot.mass, length)
         self._floor = (self.least_residual * robot.mass * GRAVITY) ** 2
+        inertia = self._start.inertia_com
+        if inertia is None:
+            inertia = robot.inertias[robot.trunk].inertia_com
+        self._prior = InertialParameters.from_com(self._start.mass, self._start.com_trunk, inertia).vector
         self._now = TrunkEstimate(np.nan, self._start, unobserved(), Status.WAITING)
 
     def update(self, measurement: Measurement) -> None:
@@ -113,38 +117,21 @@ class SignalBaseline(StepEstimator):
         return trunk_matrix(signals.mean(axis=-1)), target, float(samples.time[-1] - samples.time[1])
 
     def _motion(self, samples: Samples) -> tuple[Motion, Array]:
-        """The motion used for rows, and the efforts (n, joints): here the block's mean motion, n = 1."""
-        inside = samples[1:-1]
-        span = float(samples.time[-1] - samples.time[0])
-        alpha = (samples.angular_velocity[-1] - samples.angular_velocity[0]) / span
-        joint_rate = (samples.velocity[-1] - samples.velocity[0]) / span
-        q, rate, omega, felt, effort = (
-            values.mean(axis=0)[None]
-            for values in (
-                inside.position,
-                inside.velocity,
-                inside.angular_velocity,
-                inside.specific_force,
-                inside.effort,
-            )
-        )
-        return self._moving(q, rate, joint_rate[None], omega, alpha[None], felt), effort
-
-    def _moving(self, q: Array, rate: Array, joint_rate: Array, omega: Array, alpha: Array, felt: Array) -> Motion:
-        """The motion by joints, gyro, its slope, and specific force at the IMU, (n, ...) each."""
+        """The motion used for rows, and the efforts, (n, ...) each."""
+        inside, each = samples[1:-1], self.each_sample
+        before, after = (samples[:-2], samples[2:]) if each else (samples[:1], samples[-1:])
+        span = (after.time - before.time)[:, None]
+        alpha = (after.angular_velocity - before.angular_velocity) / span
+        joint_rate = (after.velocity - before.velocity) / span
+        signals = (inside.position, inside.velocity, inside.angular_velocity, inside.specific_force, inside.effort)
+        q, rate, omega, felt, effort = (values if each else values.mean(axis=0)[None] for values in signals)
         specific = force_at_origin(felt, omega, self._lever, alpha)
         up = specific.mean(axis=0)
-        return Motion(q, rate, joint_rate, omega, alpha, specific, up / np.linalg.norm(up))
+        return Motion(q, rate, joint_rate, omega, alpha, specific, up / np.linalg.norm(up)), effort
 
     def _refuse(self, reason: str) -> None:
         now = self._now
         self._now = TrunkEstimate(now.time, now.trunk, now.covariance, Status.REFUSED, reason)
-
-    def _prior(self) -> Array:
-        inertia = self._start.inertia_com
-        if inertia is None:
-            inertia = self.robot.inertias[self.robot.trunk].inertia_com
-        return InertialParameters.from_com(self._start.mass, self._start.com_trunk, inertia).vector
 
 
 class LeastSquaresTrunk(SignalBaseline):
@@ -158,7 +145,7 @@ class LeastSquaresTrunk(SignalBaseline):
     the textbook's, σ² (Σ AᵀA)⁻¹ with σ² the residuals' variance, at least that of a thousandth of the weight.
     """
 
-    block, settled = 0.04, 2.0  # [s]; the window is as long as the latter
+    block, settled, each_sample = 0.04, 2.0, True  # [s]; the window is as long as the time to settle
     hint = 1e-10  # weight of the prior as a share of the information, for directions without information
     least_blocks = 5  # of six rows
 
@@ -166,25 +153,16 @@ class LeastSquaresTrunk(SignalBaseline):
         super().__init__(robot, start, mount)
         self._kept: deque[tuple[Array, Array]] = deque(maxlen=round(self.settled / self.block))
 
-    def _motion(self, samples: Samples) -> tuple[Motion, Array]:
-        """The motion at every sample, n of them."""
-        inside = samples[1:-1]
-        span = (samples.time[2:] - samples.time[:-2])[:, None]
-        alpha = (samples.angular_velocity[2:] - samples.angular_velocity[:-2]) / span
-        joint_rate = (samples.velocity[2:] - samples.velocity[:-2]) / span
-        omega, felt = inside.angular_velocity, inside.specific_force
-        return self._moving(inside.position, inside.velocity, joint_rate, omega, alpha, felt), inside.effort
-
     def _learn(self, matrix: Array, target: Array, elapsed: float) -> tuple[Array, Array]:
         self._kept.append((matrix, target))
         if len(self._kept) < self.least_blocks:
             return np.zeros(4), np.full((4, 4), np.nan)
         A, b = (np.concatenate(rows) for rows in zip(*self._kept, strict=True))
-        A, b = A * self._scale, b - A @ self._prior()
+        A, b = A * self._scale, b - A @ self._prior
         normal = A.T @ A
         inverse = np.linalg.inv(normal + self.hint * np.trace(normal) * np.eye(10))
         step = inverse @ (A.T @ b)
-        theta = self._prior() + self._scale * step
+        theta = self._prior + self._scale * step
         residual, scale = b - A @ step, self._scale[:4]
         variance = float(residual @ residual) / (len(b) - 10) + self._floor
         return self._centre(theta, variance * np.outer(scale, scale) * inverse[:4, :4])
@@ -205,7 +183,7 @@ class RlsTrunk(SignalBaseline):
 
     def __init__(self, robot: Robot, start: TrunkModel | None = None, mount: ImuMount | None = None) -> None:
         super().__init__(robot, start, mount)
-        self._theta, self._P = self._prior().copy(), self.first * np.diag(self._scale**2)
+        self._theta, self._P = self._prior.copy(), self.first * np.diag(self._scale**2)
         self._square = self._weight = 0.0
 
     def _learn(self, matrix: Array, target: Array, elapsed: float) -> tuple[Array, Array]:
@@ -240,9 +218,8 @@ class KalmanTrunk(SignalBaseline):
 
     def __init__(self, robot: Robot, start: TrunkModel | None = None, mount: ImuMount | None = None) -> None:
         super().__init__(robot, start, mount)
-        self._theta = self._prior().copy()
-        length = self._length
-        self._P = np.diag((self.first * robot.mass * np.array([1.0, length, length])) ** 2)
+        self._theta = self._prior.copy()
+        self._P = np.diag((self.first * self._scale[:3]) ** 2)
 
     def _learn(self, matrix: Array, target: Array, elapsed: float) -> tuple[Array, Array]:
         self._P = self._P + elapsed / self.block * self.process_noise

@@ -7,7 +7,7 @@ planner: while walking or, as in the paper, at rest.
 
 import multiprocessing
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -54,28 +54,28 @@ class Camera:
     periods = 40  # of 1 ms: 25 frames a second
 
     def __init__(self) -> None:
-        self._looks = -1
-        self._frames: dict[str, list[Array]] = {field.name: [] for field in fields(Film)}
+        self._looks, self._frames = -1, list[dict[str, Any]]()
 
     def look(self, walk: LoadedWalk) -> None:
         """Records a frame, if it is due."""
         self._looks += 1
         if self._looks % self.periods == 0:
-            self._take(walk)
+            self._frames.append(self._frame(walk))
 
     def film(self) -> Film:
-        arrays = {name: np.array(frames) for name, frames in self._frames.items()}
-        return Film(**arrays | {name: arrays[name].astype(bool) for name in ("down", "limited")})
+        return Film(**{name: np.array([frame[name] for frame in self._frames]) for name in self._frames[0]})
 
-    def _take(self, walk: LoadedWalk) -> None:
-        plant, controller, supervisor = walk.bed.plant, walk.crawl.controller, walk.supervisor
+    def _frame(self, walk: LoadedWalk) -> dict[str, Any]:
+        plant, controller = walk.bed.plant, walk.crawl.controller
+        estimate = None if walk.supervisor is None else walk.supervisor.estimate
         state, truth, trunk = plant.state, plant.truth(), controller.trunk.model
         com, R, p = walk.monitor.com(), state.rotation, state.position
         # the legs' contribution is the same in both, so the two differ by the trunk's
         moment = (truth.mass + controller.legs.leg_mass) * (R.T @ (com - p)) - truth.first_moment
         modelled = p + R @ ((moment + trunk.mass * trunk.com_trunk) / (trunk.mass + controller.legs.leg_mass))
-        weighed, std = _weighed(supervisor)
-        values = {
+        unknown = np.full(3, np.nan)
+        weighed, std = (unknown, unknown) if estimate is None else (estimate.value[:3], estimate.std[:3])
+        return {
             "time": state.time,
             "trunk": [*p, *state.orientation],
             "joints": state.joint_position,
@@ -91,22 +91,12 @@ class Camera:
             "trunk_com": [truth.com[:2], trunk.com_trunk[:2], weighed[1:]],
             "std": std,
         }
-        for name, value in values.items():
-            self._frames[name].append(np.array(value, dtype=float))
-
-
-def _weighed(supervisor: NonstopSupervisor | StoppingSupervisor | None) -> tuple[Array, Array]:
-    """Present estimate of the trunk's mass, x and y, and standard deviations; NaN where there is none."""
-    if supervisor is None or supervisor.estimate is None:
-        return np.full(3, np.nan), np.full(3, np.nan)
-    return supervisor.estimate.value[:3], supervisor.estimate.std[:3]
 
 
 @dataclass(frozen=True)
 class DemoSettings:
     """Settings of the demo."""
 
-    robot: str = "hyq"
     mass: float = 30.0  # of the box [kg]
     corner: str = "LF"  # of the back, onto which it is dropped
     size: tuple[float, float, float] = (0.14, 0.14, 0.2)  # of the box [m]
@@ -156,7 +146,7 @@ class DemoResult:
         """
         settings, load = self.settings, true_load(self.identified.outcome)
         return {
-            "robot": settings.robot,
+            "robot": self.without.outcome.case.robot,
             "seed": settings.seed,
             "load": {"mass": load.mass, "com": plain(load.com), "corner": settings.corner, "time": settings.load_at},
             "without": _outcome(self.without.outcome),
@@ -189,10 +179,11 @@ def _run(settings: DemoSettings, identified: bool) -> DemoRun | str:
 
 def one_run(settings: DemoSettings, identified: bool) -> DemoRun:
     """Makes one of the two runs in this process."""
-    robot, with_it = load_robot(settings.robot), StoppingSupervisor if settings.classic else NonstopSupervisor
+    with_it = StoppingSupervisor if settings.classic else NonstopSupervisor
     case = LoadedWalkCase(
-        robot=settings.robot,
-        payload=box_at(robot, settings.corner, settings.mass, settings.size, settings.height),
+        payload=box_at(
+            load_robot(LoadedWalkCase.robot), settings.corner, settings.mass, settings.size, settings.height
+        ),
         load_at=settings.load_at,
         supervisor=with_it if identified else None,
         seconds=settings.duration,
@@ -232,7 +223,9 @@ def _reaction(outcome: LoadedWalkOutcome) -> dict[str, Any]:
         "noticed_after": outcome.noticed_after,
         "updated_after": outcome.updated_after,
         "payload": None if payload is None else payload.to_dict(trunk, {}),
-        "transitions": [transition.to_dict() for transition in outcome.transitions],
+        "transitions": [
+            {"time": t.time, "from": str(t.before), "to": str(t.after), "reason": t.reason} for t in outcome.transitions
+        ],
     }
 
 

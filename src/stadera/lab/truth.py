@@ -64,10 +64,10 @@ class Truth:
     scenario: str
     errors: str
     seed: int
-    slope: float  # of the ground [rad]
-    # of the trunk controller about the trunk's axes [N·m/rad], for the method 'orientation'
-    stiffness: tuple[float, ...]
     moments: tuple[TruthAt, ...]  # the trunk at the start and after each change
+    slope: float = 0.0  # of the ground [rad]
+    # of the trunk controller about the trunk's axes [N·m/rad], for the method 'orientation'
+    stiffness: tuple[float, ...] = ()
     # all random model and sensor errors, as `Drawn.to_dict`; None for other kinds of errors
     drawn: Mapping[str, Any] | None = None
     fell: tuple[float, str] | None = None  # time [s] and description of a fall; None if there was none

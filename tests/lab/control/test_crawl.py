@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 
 from lab.control.testbed import robot_named
+from stadera.errors import StaderaError
 from stadera.lab.control.crawl import Crawl, CrawlPhase
 from stadera.lab.control.monitor import WalkMonitor
 from stadera.lab.control.monitor import walk as walk_on
 from stadera.lab.control.stand import TestBed
-from stadera.lab.control.steps import CrawlCommand, CrawlError, CrawlSettings
+from stadera.lab.control.steps import CrawlCommand, CrawlSettings
 from stadera.lab.control.trunk import TrunkController
 from stadera.lab.plant.payload import RigidMass, VirtualForce
 from stadera.lab.plant.plant import Plant
@@ -77,10 +78,10 @@ def test_stops_takes_a_new_trunk_without_a_jump_walks_on_and_stops_again() -> No
     test, crawl, judge = crawler(robot, errors=IDEAL, load=corner_load(robot, 60.0), known=False)
     walk_on(test, 1.2, judge)
     assert crawl.phase is not CrawlPhase.STAND
-    crawl.request_stop("weighing")
+    crawl.request_stop()
     walk_on(test, 1.6, judge)
     assert crawl.stopped
-    assert crawl.reason == "weighing"
+    assert crawl.reason == "asked to stop"
     assert test.plant.state.foot_contact.all()
     before, efforts = test.plant.state.position, [test.plant.effort]
     assert crawl.update_trunk(TrunkModel.of(test.plant.truth()))
@@ -121,7 +122,7 @@ def test_a_trunk_that_wanders_costs_no_step(name: str) -> None:
         wandered += -0.05 * wandered + 0.3 * size * np.array([*rng.normal(size=2), 0.0])
         assert crawl.update_trunk(TrunkModel(truth.mass, truth.com_trunk + wandered))
         assert walk_on(test, 0.02, judge) is None
-    step = crawl.settings.timing(crawl.command).step
+    step = crawl.steps.timing.step
     lifted = [event.time for event in crawl.events if event.phase is CrawlPhase.SWING]
     assert len(lifted) >= int(2.5 / step)
     assert np.diff(lifted).max() < 1.6 * step
@@ -138,7 +139,7 @@ def test_a_trunk_that_comes_while_a_leg_swings_is_walked_by() -> None:
     assert crawl.update_trunk(TrunkModel.of(test.plant.truth()))
     assert walk_on(test, 2.5, judge) is None
     lifted = [event.time for event in crawl.events if event.phase is CrawlPhase.SWING]
-    assert np.diff(lifted).max() < 1.6 * crawl.settings.timing(crawl.command).step
+    assert np.diff(lifted).max() < 1.6 * crawl.steps.timing.step
     assert not crawl.failed
 
 
@@ -178,5 +179,5 @@ def test_a_foot_that_finds_no_ground_goes_back_and_says_so() -> None:
 def test_refuses_what_cannot_be_walked() -> None:
     robot = robot_named("go2")
     settings = CrawlSettings.of(robot)
-    with pytest.raises(CrawlError, match="too fast"):
+    with pytest.raises(StaderaError, match="too fast"):
         settings.timing(CrawlCommand(3.0))

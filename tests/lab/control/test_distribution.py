@@ -41,7 +41,6 @@ def test_cones_hold_whatever_is_asked(asked: tuple[float, ...], slope: float, he
     sharing.set_ground(normal)
     force = np.array([0.0, 0.0, WEIGHT]) + WEIGHT * np.array(asked[:3])
     forces = sharing.solve(LEVERS, force, WEIGHT * np.array(asked[3:]))
-    assert sharing.solved
     assert_within_cones(forces, normal)
 
 
@@ -95,7 +94,6 @@ def test_a_foot_in_the_air_gets_nothing() -> None:
     sharing = distribution()
     sharing.set_most([np.inf, np.inf, 0.0, np.inf])
     forces = sharing.solve(LEVERS, np.array([0.0, 0.0, WEIGHT]), np.array([60.0, 70.0, 0.0]))
-    assert sharing.solved
     np.testing.assert_allclose(forces[2], 0.0, atol=1e-3)
     assert_within_cones(forces[[0, 1, 3]], np.array([0.0, 0.0, 1.0]), 1e-3)
 

@@ -55,9 +55,9 @@ def test_a_leg_is_lifted_and_put_down(name: str, errors: object) -> None:
         test.step()
         foot = test.plant.state.foot_position[LEG]
         highest = max(highest, float(foot[2] - before.foot_position[LEG, 2]))
-        early += k < 300 and bool(c.touched[LEG])
+        early += k < 300 and bool(c.swinging.touched[LEG])
         contacts.append(bool(test.plant.state.foot_contact[LEG]))
-        if k >= 300 and c.touched[LEG]:
+        if k >= 300 and c.swinging.touched[LEG]:
             break
     assert early == 0
     assert any(contacts[-10:])

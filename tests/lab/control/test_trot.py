@@ -24,7 +24,7 @@ def trotting(name: str, errors: SensorErrors, seed: int = 5, hold: int = 1) -> t
     real = plant_model(robot, errors)
     plant = Plant(real)
     plant.reset(standing_configuration(robot))
-    trot = Trot.of(estimator_model(real, errors, seed), TrunkModel.prior(robot))
+    trot = Trot.of(estimator_model(real, errors, seed))
     bed = TestBed(plant, Sensors(errors, seed, robot), trot, hold=hold)
     bed.run(0.2)
     return bed, trot

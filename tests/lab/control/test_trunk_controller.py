@@ -103,7 +103,6 @@ def test_implausible_trunks_are_not_taken() -> None:
         TrunkModel(first.mass, first.com_trunk + np.array([1.0, 0.0, 0.0])),
     ):
         assert not controller.update_trunk(wrong)
-        assert "outside" in controller.trunk.rejected
     controller.trunk.advance(1.0)
     np.testing.assert_array_equal(controller.trunk.model.com_trunk, first.com_trunk)
     with pytest.raises(ImplausibleError):

@@ -87,9 +87,9 @@ def test_experiment_without_its_input_is_skipped_among_several_and_an_error_alon
         def run(*_: object) -> ExperimentResult:
             raise error
 
-        return Experiment("lacking", "needs something", run)
+        return Experiment("lacking", run)
 
-    whole = Experiment("whole", "needs nothing", lambda *_: ExperimentResult("whole", "Whole", "", ()))
+    whole = Experiment("whole", lambda *_: ExperimentResult("whole", "Whole", "", ()))
     for error in (MissingDataError("no logs"), MissingExtraError("models", "models", "a robot")):
         found = list(run_experiments([lacking(error), whole], ReproduceSettings(), lambda *_: None))
         assert found[0] == Skipped("lacking", str(error))

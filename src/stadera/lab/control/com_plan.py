@@ -22,6 +22,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 import proxsuite
@@ -49,20 +50,21 @@ class SupportPolygon:
     def of(cls, points: ArrayLike) -> SupportPolygon:
         """The hull of points (n, 2) or (n, 3) [m]; heights are ignored."""
         flat = np.asarray(points, dtype=float)[:, :2]
-        corners = _hull(flat)
-        if len(corners) < 3:
-            raise PlanError(f"a support polygon needs three contacts that are not in one line, got {flat.tolist()}")
+        try:
+            hull = flat[ConvexHull(flat, qhull_options="Qt").vertices]  # counter-clockwise, without points on an edge
+        except QhullError:
+            wanted = "three contacts that are not in one line"
+            raise PlanError(f"a support polygon needs {wanted}, got {flat.tolist()}") from None
+        corners = np.roll(hull, -np.lexsort((hull[:, 1], hull[:, 0]))[0], axis=0)  # from the leftmost
         edges = np.roll(corners, -1, axis=0) - corners
         normals = np.column_stack([edges[:, 1], -edges[:, 0]]) / np.linalg.norm(edges, axis=1, keepdims=True)
         return cls(corners, normals, (normals * corners).sum(axis=1))
 
-    def margins(self, point: ArrayLike) -> Array:
-        """Distances (k,) [m] of a point (2,) or (3,) from the edges, negative beyond one."""
-        return np.asarray(self.distances - self.normals @ np.asarray(point, dtype=float)[:2])
-
     def margin(self, point: ArrayLike) -> float:
-        """The static stability margin [m] of a centre of mass: distance to the nearest edge, negative outside."""
-        return float(self.margins(point).min())
+        """The static stability margin [m] of a centre of mass (2,) or (3,): distance to the nearest edge, negative
+        outside.
+        """
+        return float((self.distances - self.normals @ np.asarray(point, dtype=float)[:2]).min())
 
     @property
     def centroid(self) -> Array:
@@ -93,28 +95,15 @@ class SupportPolygon:
         candidates = [target]
         over = self.normals @ target - limits
         candidates += [target - o * n for o, n in zip(over, self.normals, strict=True) if o > 0]
-        k = len(limits)
-        for i in range(k):
-            for j in range(i + 1, k):
-                pair = self.normals[[i, j]]
-                if abs(np.linalg.det(pair)) > 1e-9:
-                    candidates.append(np.asarray(np.linalg.solve(pair, limits[[i, j]]), dtype=float))
+        for corner in map(list, combinations(range(len(limits)), 2)):
+            if abs(np.linalg.det(self.normals[corner])) > 1e-9:
+                candidates.append(np.asarray(np.linalg.solve(self.normals[corner], limits[corner]), dtype=float))
         points = np.array(candidates)
         inside = (points @ self.normals.T <= limits + 1e-12).all(axis=1)
         if not inside.any():
             return None
         points = points[inside]
         return np.asarray(points[np.argmin(((points - target) ** 2).sum(axis=1))])
-
-
-def _hull(points: Array) -> Array:
-    """Corners of the convex hull, counter-clockwise from the leftmost, without points on an edge; fewer if flat."""
-    try:
-        corners = points[ConvexHull(points, qhull_options="Qt").vertices]
-    except QhullError:
-        return points[:0]
-    first = np.lexsort((corners[:, 1], corners[:, 0]))[0]
-    return np.roll(corners, -first, axis=0)
 
 
 @dataclass(frozen=True, eq=False)

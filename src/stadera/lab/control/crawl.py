@@ -71,8 +71,9 @@ class CrawlEvent:
 class Crawl(Gait):
     """Walks with a trunk controller. Uses measurements only; one `update` per control period.
 
-    It starts standing; `resume` starts walking, and `request_stop` stops after the current step. `reason` says why it
-    stands or retreats, `failed` whether it stopped because it could not continue; `events` has every transition.
+    It starts standing; `resume` starts walking, and `request_stop` stops after the current step. `steps.command` is the
+    desired motion, which applies from the next step on. `reason` says why it stands or retreats, `failed` whether it
+    stopped because it could not continue; `events` has every transition.
     """
 
     def __init__(
@@ -82,33 +83,24 @@ class Crawl(Gait):
         self.settings = settings or CrawlSettings.of(controller.robot)
         self.phase, self.reason, self.failed = CrawlPhase.STAND, "not asked to walk yet", False
         self.events: list[CrawlEvent] = []
-        self._steps = StepSequence(controller.robot, self.settings, command or CrawlCommand())
+        self.steps = StepSequence(controller.robot, self.settings, command or CrawlCommand())
         self._walks, self._stop = False, ""
         self._body: BodyReference | None = None
         # of the coming or present step: its foothold, when its leg lifts, for how long that was put off
         self._target, self._due, self._put_off, self._relieving = np.zeros(3), 0.0, 0.0, False
         # of the swing: where the foot stood, when the trajectory ends, whether the body waits for it, times at its lift
         self._from, self._ends, self._late, self._above = np.zeros(3), 0.0, False, False
-        self._timing = self._steps.timing
+        self._timing = self.steps.timing
         self._overloaded, self._time = np.zeros(len(controller.robot.tree.joints)), np.nan
 
     # -- asked for ------------------------------------------------------------------------------------------------
-    @property
-    def command(self) -> CrawlCommand:
-        """Desired motion; a new command applies from the next step on."""
-        return self._steps.command
-
-    @command.setter
-    def command(self, command: CrawlCommand) -> None:
-        self._steps.command = command
-
     def resume(self) -> None:
         """Starts walking, or continues with the leg whose turn it is."""
         self._walks, self._stop, self.failed = True, "", False
 
-    def request_stop(self, reason: str = "asked to stop") -> None:
+    def request_stop(self) -> None:
         """Stops on four feet after the current step; see `stopped`."""
-        self._walks, self._stop = False, self._stop or reason
+        self._walks, self._stop = False, self._stop or "asked to stop"
 
     @property
     def stopped(self) -> bool:
@@ -121,17 +113,16 @@ class Crawl(Gait):
         """Reason why it stands and cannot continue; empty if it can."""
         return self.reason if self.failed and self.phase is CrawlPhase.STAND else ""
 
-    @property
-    def leg(self) -> str | None:
-        """The swinging leg, or the next one to swing; None while standing."""
-        return None if self.phase is CrawlPhase.STAND else LEG_NAMES[self._steps.leg]
-
     # -- what the test-bed's loop asks for ------------------------------------------------------------------------
     def update(self, measurement: Measurement) -> Array:
         """Joint torques (n,) [N·m] for one measurement."""
         if self._body is None:
             torque = self.controller.update(measurement)
-            self._start(measurement)
+            self._body = BodyReference(self.controller, self.settings, measurement)
+            self.controller.follow(self._body)
+            nose = self.controller.rotation[:, 0]
+            self.steps.start(self.controller.feet, float(np.arctan2(nose[1], nose[0])))
+            self.events.append(CrawlEvent(measurement.time, self.phase, None, self.reason))
             return torque
         self._body.see(measurement)
         self._watch_limits(measurement.time)
@@ -139,14 +130,6 @@ class Crawl(Gait):
         return self.controller.update(measurement)
 
     # -- the state machine ----------------------------------------------------------------------------------------
-    def _start(self, measurement: Measurement) -> None:
-        controller = self.controller
-        self._body = BodyReference(controller, self.settings, measurement)
-        controller.follow(self._body)
-        nose = controller.rotation[:, 0]
-        self._steps.start(controller.feet, float(np.arctan2(nose[1], nose[0])))
-        self.events.append(CrawlEvent(measurement.time, self.phase, None, self.reason))
-
     def _watch_limits(self, time: float) -> None:
         """Fails if a joint has been at its torque limit for too long without a break."""
         elapsed, self._time = 0.0 if np.isnan(self._time) else time - self._time, time
@@ -168,17 +151,17 @@ class Crawl(Gait):
 
     def _begin_step(self, time: float, body: float, landed: int | None) -> None:
         """Starts the body's motion so that the next leg can swing after `body` [s]; `landed`: the last leg to land."""
-        timing, feet, target = self._steps.timing, self.controller.feet, self._steps.target
+        timing, feet, target = self.steps.timing, self.controller.feet, self.steps.target
         self._put_off = 0.0
         self._target = np.array([*target, GroundPlane.of(feet).at(target)])
         before = None if landed is None else Step(landed, feet[landed, :2], timing.transfer)
         body = self._plan_step(time, before, body)
-        self._planned.follow_ground(time, self._steps.heading, body + timing.swing)
-        self._enter(CrawlPhase.BODY, self._steps.leg, "")
+        self._planned.follow_ground(time, self.steps.heading, body + timing.swing)
+        self._enter(CrawlPhase.BODY, self.steps.leg, "")
 
     def _plan_step(self, time: float, before: Step | None, body: float) -> float:
         """Plans for a lift after `body` [s], or later if a new model needs more time; returns that time."""
-        timing, settings = self._steps.timing, self.settings
+        timing, settings = self.steps.timing, self.settings
         for delay in settings.delays if self._model_moved() else (0.0,):
             later = body + delay * settings.lead
             self._replan(time, before, later)
@@ -193,7 +176,7 @@ class Crawl(Gait):
         return self._planned.moved > self.settings.moved * self.settings.margin
 
     def _shift_body(self, time: float) -> None:
-        leg, controller, timing = self._steps.leg, self.controller, self._steps.timing
+        leg, controller, timing = self.steps.leg, self.controller, self.steps.timing
         if self._stop:
             self._stand(time, self._stop)
         elif not self._relieving and self._model_moved():
@@ -211,22 +194,22 @@ class Crawl(Gait):
                 self._put_step_off(time)
 
     def _triangle(self) -> SupportPolygon:
-        return SupportPolygon.of(np.delete(self.controller.feet, self._steps.leg, axis=0))
+        return SupportPolygon.of(np.delete(self.controller.feet, self.steps.leg, axis=0))
 
     def _margin(self) -> float:
         return self._triangle().margin(self._planned.com)
 
     def _put_step_off(self, time: float) -> None:
         """Gives the body the same time again; stops when the time limit is reached."""
-        settings, timing = self.settings, self._steps.timing
+        settings, timing = self.settings, self.steps.timing
         if self._put_off >= settings.patience:
-            place = f"the triangle without {LEG_NAMES[self._steps.leg]}"
+            place = f"the triangle without {LEG_NAMES[self.steps.leg]}"
             found = f"margin {self._margin():.3f} m, needed {settings.least_margin:.3f} m"
             self._fail(f"the centre of mass does not get over {place}: {found}")
             self._stand(time, self._stop)
             return
         if self._relieving:
-            self.controller.land(self._steps.leg, timing.transfer)
+            self.controller.land(self.steps.leg, timing.transfer)
             self._relieving = False
         wait = max(settings.lead, 3.0 * timing.transfer)
         self._put_off += max(time + wait - self._due, 0.0)
@@ -236,19 +219,19 @@ class Crawl(Gait):
     # -- the leg in the air ---------------------------------------------------------------------------------------
     def _lift(self, time: float) -> None:
         settings = self.settings
-        self._late, self._from, self._timing = False, self._foot, self._steps.timing
+        self._late, self._from, self._timing = False, self._foot, self.steps.timing
         goal = self._target - settings.press * self._planned.normal  # slightly below the ground
         self._swing(time, goal, settings.clearance, settings.search_speed)
-        self._enter(CrawlPhase.SWING, self._steps.leg, "")
+        self._enter(CrawlPhase.SWING, self.steps.leg, "")
 
     def _watch_swing(self, time: float) -> None:
-        leg, overdue = self._steps.leg, time - self._ends
+        leg, overdue = self.steps.leg, time - self._ends
         if self._landed(time):
-            self._steps.done()
+            self.steps.done()
             if self._stop:
                 self._stand(time, self._stop)
             else:
-                self._begin_step(time, self._steps.body_time(overdue), leg)
+                self._begin_step(time, self.steps.body_time(overdue), leg)
         elif overdue >= 0 and (
             self._target[2] - float(self._foot[2]) > self.settings.search or self._planned.stretched(leg)
         ):
@@ -259,9 +242,9 @@ class Crawl(Gait):
 
     def _landed(self, time: float) -> bool:
         """Lands the foot if it has touched the ground; torques of an extended leg do not show it."""
-        leg, controller = self._steps.leg, self.controller
+        leg, controller = self.steps.leg, self.controller
         trajectory = controller.swinging.trajectories[leg]
-        if trajectory is None or self._planned.stretched(leg) or not controller.touched[leg]:
+        if trajectory is None or self._planned.stretched(leg) or not controller.swinging.touched[leg]:
             return False
         if trajectory.progress(time) < self.settings.earliest:
             return False
@@ -270,7 +253,7 @@ class Crawl(Gait):
 
     def _retreat(self, time: float) -> None:
         """Lifts a foot that has found no ground straight up; `_put_back` does the rest."""
-        leg, (x, y, z), here = self._steps.leg, self._target, self._foot
+        leg, (x, y, z), here = self.steps.leg, self._target, self._foot
         self._fail(f"{LEG_NAMES[leg]} found no ground within {self.settings.search:.2f} m below ({x:.2f}, {y:.2f}) m")
         high = max(z, self._from[2]) + self.settings.clearance
         self._target, self._late, self._above = self._from, True, True
@@ -290,23 +273,23 @@ class Crawl(Gait):
     @property
     def _airborne(self) -> Step:
         """For the body's plan: where the foot lands, after a long time on the other three."""
-        return Step(self._steps.leg, self._target[:2], self.settings.longest_airborne)
+        return Step(self.steps.leg, self._target[:2], self.settings.longest_airborne)
 
     @property
     def _foot(self) -> Array:
-        return np.array(self.controller.feet[self._steps.leg])
+        return np.array(self.controller.feet[self.steps.leg])
 
     def _swing(self, time: float, goal: Array, clearance: float, descent: float) -> None:
         duration = self._timing.swing
         self._ends = time + duration
         way = SwingTrajectory(self._foot, goal, time, duration, clearance, descent=descent)
-        self.controller.swing(self._steps.leg, way)
+        self.controller.swing(self.steps.leg, way)
 
     # -- planning -------------------------------------------------------------------------------------------------
     def _stand(self, time: float, reason: str) -> None:
         """Moves the body to the middle of four feet on the ground, and stays."""
         if self._relieving:
-            self.controller.land(self._steps.leg, self._steps.timing.transfer)
+            self.controller.land(self.steps.leg, self.steps.timing.transfer)
         self._walks, self._stop = False, ""
         self._replan(time, None, None)
         self._enter(CrawlPhase.STAND, None, reason)
@@ -325,8 +308,8 @@ class Crawl(Gait):
 
     def _replan(self, time: float, airborne: Step | None, body: float | None) -> None:
         """Plans the body's motion again, with coming steps, the first after `body` [s]; None for a stand."""
-        timing, settings, feet = self._steps.timing, self.settings, self.controller.feet
-        steps = [] if body is None or self._stop else self._steps.ahead(body)
+        timing, settings, feet = self.steps.timing, self.settings, self.controller.feet
+        steps = [] if body is None or self._stop else self.steps.ahead(body)
         phases = support_phases(feet, steps, timing, settings.margin, settings.lead, airborne)
         self._planned.replan(time, phases, settings.margin, timing.rest)
 

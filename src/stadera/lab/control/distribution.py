@@ -44,7 +44,7 @@ class ContactLimits:
 
 class ForceDistribution:
     """The quadratic programme of feet, or of points on them, with length L [m], `small` ε and `smooth` β. `forces`
-    (feet, 3) [N] is the latest solution; `solved` is False if the solver failed and they are older.
+    (feet, 3) [N] is the latest solution, an older one if the solver failed.
     """
 
     def __init__(
@@ -53,7 +53,6 @@ class ForceDistribution:
         self.limits, self.length, self._feet = limits, length, feet
         self._keeping, self._six = smooth / (small + smooth), (small + smooth) * np.eye(6)
         self.forces = np.zeros((feet, 3))
-        self.solved = True
         self._skew = -skews(np.eye(3)).reshape(3, 9) / length  # negative, as the rows of [r]x are used as columns
         self._wrench = np.zeros((6, 3 * feet))  # the map from forces to the weighted wrench
         self._wrench[:3] = np.tile(np.eye(3), feet)
@@ -100,7 +99,6 @@ class ForceDistribution:
         square += self._six
         _, pull, failed = dposv(square, target - wrench.dot(near), overwrite_a=1, overwrite_b=1)
         if failed:
-            self.solved = False
             return self.forces
         best = near + pull.dot(wrench)
         slack = self._bounds - self._sides.dot(best)
@@ -123,14 +121,13 @@ class ForceDistribution:
         try:
             u, _ = nnls(E, goal)
         except RuntimeError:  # no convergence
-            self.solved = False
             return self.forces
         left = E @ u - goal
         step, _ = dtrtrs(upper, left[:-1] * (-scale / left[-1]))
         return self._found(best + step)
 
     def _found(self, forces: Array) -> Array:
-        self.solved, self._before, self.forces = True, forces, forces.reshape(-1, 3)
+        self._before, self.forces = forces, forces.reshape(-1, 3)
         return self.forces
 
 

@@ -20,10 +20,6 @@ from stadera.robot.stance import nominal_feet
 from stadera.types import Array
 
 
-class CrawlError(StaderaError):
-    """The requested crawl is impossible."""
-
-
 @dataclass(frozen=True)
 class CrawlCommand:
     """Desired motion."""
@@ -118,7 +114,9 @@ class CrawlSettings:
         transfer, rest = min(self.transfer, self.transfer_share * (step - swing)), (step - swing) / self.unhurried
         if swing < self.shortest * self.swing:
             fastest = self.swing_share * self.longest_stride / (4.0 * self.shortest * self.swing)
-            raise CrawlError(f"a crawl of {speed:.3g} m/s is too fast for this robot, the fastest is {fastest:.3g} m/s")
+            raise StaderaError(
+                f"a crawl of {speed:.3g} m/s is too fast for this robot, the fastest is {fastest:.3g} m/s"
+            )
         return StepTiming(step, swing, transfer, min(rest, 1.0) ** self.restless)
 
 

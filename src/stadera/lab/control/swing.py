@@ -111,7 +111,6 @@ class SwingLegs:
         trajectories: of each leg; None for one that does not swing.
         force: (4, 3) [N], ⟨f⟩ in the world's axes; zero for legs that do not swing.
         touched: (4,) bool, swinging legs in contact with the ground.
-        error: (4,) [m], distance of each swinging foot from its trajectory.
     """
 
     def __init__(self, robot: Robot, columns: NDArray[np.int_], settings: SwingLegSettings | None = None) -> None:
@@ -122,31 +121,23 @@ class SwingLegs:
         nominal = np.linalg.norm(foot_jacobians(robot, standing_configuration(robot)[None])[0], axis=(1, 2)).max()
         self._most_squared = 1.0 / (how.singular * float(nominal)) ** 2
         self.trajectories: list[SwingTrajectory | None] = [None] * 4
-        self.force, self.touched, self.error = np.zeros((4, 3)), np.zeros(4, dtype=bool), np.zeros(4)
+        self.force, self.touched = np.zeros((4, 3)), np.zeros(4, dtype=bool)
         self._slow_rate, self._slow_torque = np.zeros((4, 3)), np.zeros((4, 3))
         self.legs: list[int] = []  # that swing
         self._new: list[int] = []  # legs that started since the last update
-        self._swings = np.zeros((4, 1))
 
     def begin(self, leg: int, trajectory: SwingTrajectory) -> None:
         """Starts a leg's swing, or changes the trajectory of a swinging leg."""
-        new = self.trajectories[leg] is None
-        self.trajectories[leg] = trajectory
-        if new:
+        if self.trajectories[leg] is None:
             self._new.append(leg)
-            self._recount()
+            self.legs = sorted([*self.legs, leg])
+        self.trajectories[leg] = trajectory
 
     def end(self, leg: int) -> None:
         """Ends a leg's swing."""
         self.trajectories[leg] = None
-        self.force[leg], self.touched[leg], self.error[leg] = 0.0, False, 0.0
-        self._new = [one for one in self._new if one != leg]
-        self._recount()
-
-    def _recount(self) -> None:
-        self.legs = [leg for leg, path in enumerate(self.trajectories) if path is not None]
-        self._swings = np.zeros((4, 1))
-        self._swings[self.legs] = 1.0
+        self.force[leg], self.touched[leg] = 0.0, False
+        self._new, self.legs = ([one for one in legs if one != leg] for legs in (self._new, self.legs))
 
     def update(
         self,
@@ -179,7 +170,6 @@ class SwingLegs:
         felt = self._felt(measurement.effort[self._columns] - held, rate, motion.inertia, dt)
         self.force = np.vecmat(felt, inverse).dot(-rotation.T)
         self.touched = self.force.dot(normal) > self._least
-        self.error = np.sqrt((off * off).sum(axis=1)) * self._swings[:, 0]
         return held + np.matvec(motion.inertia, joint), np.matvec(motion.coupling, joint).sum(axis=0)
 
     def _felt(self, torque: Array, rate: Array, inertia: Array, dt: float) -> Array:

@@ -30,7 +30,6 @@ from stadera.lab.control.trunk import TrunkController, composite
 from stadera.robot.model import Robot
 from stadera.robot.stance import nominal_feet, standing_configuration
 from stadera.trunk.measurement import Measurement
-from stadera.trunk.model import TrunkModel
 from stadera.types import Array, Bools
 
 PAIRS = ((0, 3), (1, 2))
@@ -99,11 +98,11 @@ class Trot(Gait):
         self._pair, self._swinging, self._hand_over = 0, False, np.nan
 
     @classmethod
-    def of(cls, robot: Robot, trunk: TrunkModel | None = None) -> Trot:
+    def of(cls, robot: Robot) -> Trot:
         """Makes a trot with a suitable trunk controller: velocity from legs and IMU, moments weighted over forces."""
         pendulum = TrotSettings.of(robot).pendulum
         length = 0.15 * pendulum**2 * GRAVITY
-        return cls(TrunkController(robot, trunk=trunk, velocity_time=0.12 * pendulum, moment_length=length))
+        return cls(TrunkController(robot, velocity_time=0.12 * pendulum, moment_length=length))
 
     def walk(self, velocity: ArrayLike, turn: float = 0.0) -> None:
         """Starts trotting ahead and to the left, (2,) [m/s], turning to the left [rad/s]; with zeros, on the spot."""
@@ -186,7 +185,7 @@ class Trot(Gait):
             if path is None:
                 continue
             late = (c.time - path.begin) / path.duration
-            if late > s.late or (late > s.trusted and c.touched[leg]):
+            if late > s.late or (late > s.trusted and c.swinging.touched[leg]):
                 c.land(leg, s.overlap)
             elif late < s.frozen:
                 c.swing(leg, self._path(leg, path.start, path.begin))

@@ -67,7 +67,7 @@ class LegOdometry:
     Attributes:
         position: (3,) [m], of the trunk's origin in the odometry frame.
         anchors: (4, 3) [m], positions of the feet in stance, and last positions of those in the air.
-        anchored, slipped: (4,) bool, feet that have been in stance, and feet that slipped at the last update.
+        anchored: (4,) bool, feet that have been in stance.
     """
 
     def __init__(self, velocity_time: float = 0.0, slip: float = 0.02) -> None:
@@ -75,9 +75,7 @@ class LegOdometry:
         self.position = np.zeros(3)
         self.anchors = np.zeros((4, 3))
         self.anchored = np.zeros(4, dtype=bool)
-        self.slipped = _NOBODY
-        self._stance = _NOBODY
-        self._given = _NOBODY
+        self._stance = self._given = _NOBODY
         self._weights, self._standing, self._rolls = np.zeros(4), False, np.zeros((4, 3))
 
     def locate(self, levers: Array, stance: Bools, rolled: Array | None = None) -> None:
@@ -96,10 +94,9 @@ class LegOdometry:
             self.position = self._weights.dot(left)
         left -= self.position
         everywhere = left.ravel()
-        self.slipped = _NOBODY
         if everywhere.dot(everywhere) > self._slip2:
-            self.slipped = self._stance & ((left * left).sum(axis=1) > self._slip2)
-            self.anchors[self.slipped] -= left[self.slipped]
+            slipped = self._stance & ((left * left).sum(axis=1) > self._slip2)
+            self.anchors[slipped] -= left[slipped]
 
     def velocity(self, arms: Array, joint_part: Array, angular_velocity: Array) -> Array:
         """Velocity (3,) [m/s] of a point of the trunk by the feet in stance at the last `locate`, from arms r_i - c (4,
@@ -186,13 +183,11 @@ class SmoothTrunk:
     Attributes:
         mass, moment: [kg], (3,) [kg·m], in use now.
         target_mass, target_moment: those of the last accepted model, without filtering: for planning ahead.
-        rejected: why the last model was rejected, one sentence; empty if it was accepted.
     """
 
     def __init__(self, start: TrunkModel, bounds: TrunkBounds, time_constant: float = 0.05) -> None:
         bounds.check(start)
         self.bounds, self.time_constant = bounds, time_constant
-        self.rejected = ""
         self.mass, self.moment = start.mass, start.mass * start.com_trunk
         self.target_mass, self.target_moment = self.mass, self.moment
         self._settled = True
@@ -202,9 +197,8 @@ class SmoothTrunk:
         return TrunkModel(self.mass, self.moment / self.mass)
 
     def accept(self, model: TrunkModel) -> bool:
-        """Makes a model the target if it is plausible; else keeps the last one and sets `rejected`."""
-        self.rejected = self.bounds.complaint(model) or ""
-        if self.rejected:
+        """Makes a model the target if it is plausible, else keeps the last one; returns whether it was plausible."""
+        if self.bounds.complaint(model):
             return False
         self.target_mass, self.target_moment = model.mass, model.mass * model.com_trunk
         self._settled = False
@@ -245,7 +239,7 @@ class TrunkController(Follower):
         com: (3,) [m], the modelled centre of mass of the whole robot,
         feet: (4, 3) [m], the feet's centres, and
         normal: (3,) of the ground, the plane through the present or last footholds.
-        swinging: the legs in the air: trajectories, contact forces, tracking errors.
+        swinging: the legs in the air: trajectories, contact forces, touch-down.
     """
 
     def __init__(
@@ -311,11 +305,6 @@ class TrunkController(Follower):
         if self.stance[leg]:
             self.stance = self.stance & (np.arange(4) != leg)
 
-    @property
-    def touched(self) -> Bools:
-        """Swinging legs in contact with the ground at the last update, anywhere on their trajectory, (4,) bool."""
-        return self.swinging.touched
-
     def land(self, leg: int, duration: float) -> None:
         """Puts a leg into stance where it is; its load limit grows to the robot's weight within a duration [s]."""
         weight, first = self._sharing.normal_force(), 0.05  # share that the foot may carry immediately
@@ -356,13 +345,11 @@ class TrunkController(Follower):
             raise ControlError(f"no torques at {self.time:.6f} s: a value that was measured is not finite")
         self.forces = self._sharing.solve(arms.dot(rotation.T), force, moment)
         against = np.vecmat(self.forces.dot(rotation), jacobians)
-        return self._within_limits((torque - against).ravel()[self._tree_order] + self._offset)
-
-    def _within_limits(self, torque: Array) -> Array:
-        if not isfinite(torque.dot(torque)):
+        wanted: Array = (torque - against).ravel()[self._tree_order] + self._offset
+        if not isfinite(wanted.dot(wanted)):
             raise ControlError(f"no torques at {self.time:.6f} s: a value measured is not finite, or a leg is singular")
-        self.saturated = np.abs(torque) > self._effort
-        return np.clip(torque, -self._effort, self._effort) if True in self.saturated.tolist() else torque
+        self.saturated = np.abs(wanted) > self._effort
+        return np.clip(wanted, -self._effort, self._effort) if True in self.saturated.tolist() else wanted
 
     def _advance(self, m: Measurement, levers: Array, rotation: Array, state: LegState) -> float:
         """Updates time, model, pose and ground, from R p_i (4, 3) [m]; returns the time since the last update [s]."""

@@ -77,9 +77,6 @@ def watch(case: AlarmCase) -> dict[str, Any]:
     }
 
 
-_Pairs = Sequence[tuple[AlarmCase, Outcome]]
-
-
 def summary(grid: Sequence[AlarmCase], runs: Sequence[Outcome]) -> ExperimentResult:
     """Summarises any part of the grid."""
     pairs = list(zip(grid, runs, strict=True))
@@ -100,12 +97,12 @@ def summary(grid: Sequence[AlarmCase], runs: Sequence[Outcome]) -> ExperimentRes
 EXPERIMENT = PAPER.experiment(cases, watch, summary, keeps=True)
 
 
-def highest_rate(alarms: int, minutes: float, confidence: float = 0.95) -> float:
+def highest_rate(alarms: int, minutes: float) -> float:
     """Upper end of the one-sided 95 % confidence interval of a Poisson process' rate [1/h]: χ²(2 n + 2) / 2 T."""
-    return float(chi2.ppf(confidence, 2 * (alarms + 1))) / 2.0 / (minutes / 60.0)
+    return float(chi2.ppf(0.95, 2 * (alarms + 1))) / 2.0 / (minutes / 60.0)
 
 
-def _records(pairs: _Pairs) -> Iterator[Record]:
+def _records(pairs: Sequence[tuple[AlarmCase, Outcome]]) -> Iterator[Record]:
     errors = pairs[0][0].errors
     for motion, own in {"all": pairs, **grouped(pairs, lambda case: case.scenario)}.items():
         minutes = sum(run["seconds"] for _, run in own) / 60.0

@@ -1,6 +1,6 @@
 """Humanoids and a quadruped with an arm that carry a load on the back or in a hand, weighed as a user would."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
@@ -106,8 +106,7 @@ _Pairs = Sequence[tuple[CarryCase, Outcome]]
 def summary(grid: Sequence[CarryCase], runs: Sequence[Outcome]) -> ExperimentResult:
     """A table by robot, motion and place."""
     pairs = [(case, run) for case, run in zip(grid, runs, strict=True) if run["fell"] is None]
-    table = _table("Payloads", pairs, lambda case: f"{case.robot}, {case.scenario}, {case.place}, {case.errors}")
-    return PAPER.result(_records(pairs), (table,), facts={"Robots that fell": str(len(runs) - len(pairs))})
+    return PAPER.result(_records(pairs), (_table(pairs),), facts={"Robots that fell": str(len(runs) - len(pairs))})
 
 
 def _given(pairs: _Pairs) -> list[Outcome]:
@@ -119,20 +118,17 @@ def _error(run: Outcome) -> float:
     return 100.0 * abs(float(run["mass"] - run["true_mass"])) / float(run["robot_mass"])
 
 
-def _sigmas(run: Outcome) -> float:
-    return abs(float(run["mass"] - run["true_mass"])) / float(run["std"])
-
-
-def _table(title: str, pairs: _Pairs, key: Callable[[CarryCase], str]) -> TableData:
+def _table(pairs: _Pairs) -> TableData:
     head = ("", "logs", "good", "doubtful", "no figure", "mass [% of the robot]", "error [σ]", "where it is")
     rows: list[Row] = []
-    for name, own in grouped(pairs, key).items():
+    for case, own in grouped(pairs, lambda c: (c.robot, c.scenario, c.place, c.errors)).items():
         given, verdicts = _given(own), [run["verdict"] for _, run in own]
         counts = [str(verdicts.count("good")), str(verdicts.count("doubtful")), str(len(own) - len(given))]
         right = sum(run["found_at"] == run["at"] for run in given)
-        sizes = spread([_error(run) for run in given]), spread([_sigmas(run) for run in given])
-        rows.append((name, str(len(own)), *counts, *sizes, f"{right} of {len(given)}"))
-    return TableData.of(title, head, rows, "Median; 95th percentile of the logs with a figure.")
+        sigmas = [abs(float(run["mass"] - run["true_mass"])) / float(run["std"]) for run in given]
+        sizes = spread([_error(run) for run in given]), spread(sigmas)
+        rows.append((", ".join(case), str(len(own)), *counts, *sizes, f"{right} of {len(given)}"))
+    return TableData.of("Payloads", head, rows, "Median; 95th percentile of the logs with a figure.")
 
 
 def _records(pairs: _Pairs) -> Iterator[Record]:

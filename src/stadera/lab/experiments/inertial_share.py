@@ -38,7 +38,6 @@ from stadera.lab.plant.world import TrueState
 from stadera.report.table import Cell, Row, TableData
 from stadera.robot import Robot, load_robot
 from stadera.robot.stance import standing_configuration
-from stadera.trunk import TrunkModel
 from stadera.types import Array
 
 PAPER = Paper.of("inertial_share")
@@ -92,20 +91,20 @@ class InertialTorques:
         return np.asarray(effort - legs.bias + np.einsum("li,lij->lj", forces - share, jacobians))
 
 
-def crawl_cycle(robot: Robot, speed: float, skip: int = 1, every: int = 2, longest: float = 20.0) -> Cycle:
-    """Lets a robot crawl, and keeps a cycle after the first `skip`, every n-th period; time limit `longest` [s]."""
+def crawl_cycle(robot: Robot, speed: float) -> Cycle:
+    """Lets a robot crawl, and keeps its second cycle, every other period; time limit 20 s."""
     plant = Plant(robot)
     plant.reset(standing_configuration(robot))
-    crawl = Crawl(TrunkController(robot, trunk=TrunkModel.prior(robot)), command=CrawlCommand(speed))
+    crawl = Crawl(TrunkController(robot), command=CrawlCommand(speed))
     crawl.resume()
     bed, monitor, split = TestBed(plant, Sensors(IDEAL, 0, robot), crawl), WalkMonitor(plant), InertialTorques(robot)
     rows: list[tuple[float, float, float, float]] = []
-    while (cycles := _cycles(crawl)) <= skip + 1:
-        fall = walk(bed, every * plant.timestep, monitor)
-        if fall is not None or crawl.failed or plant.time > longest:
+    while (cycles := _cycles(crawl)) <= 2:
+        fall = walk(bed, 2 * plant.timestep, monitor)
+        if fall is not None or crawl.failed or plant.time > 20.0:
             how = fall.how if fall else crawl.reason or "no whole cycle"
             raise StaderaError(f"{robot.name} does not crawl at {speed:.3g} m/s: {how}")
-        if cycles == skip + 1:
+        if cycles == 2:
             state = plant.state
             norms = float(np.linalg.norm(state.effort)), float(np.linalg.norm(split.of(state)))
             rows.append((state.time, *norms, float(state.position[0])))
@@ -136,15 +135,11 @@ def summary(_: Sequence[ShareCase], cycles: Sequence[Cycle]) -> ExperimentResult
 EXPERIMENT = PAPER.experiment(cases, lambda case: crawl_cycle(load_robot(_ROBOT), case.speed), summary, alone=True)
 
 
-def _paper(cycle: Cycle) -> float:
-    return float(PAPER.values[f"{cycle.speed:g}"])
-
-
 def _records(cycle: Cycle) -> list[Record]:
     case = {"speed [cm/s]": round(100 * cycle.speed, 6)}
     metric = "share of inertial forces in the joint torques of one cycle"
     return [
-        PAPER.record(case, metric, "%", 100 * cycle.share, _paper(cycle)),
+        PAPER.record(case, metric, "%", 100 * cycle.share, PAPER.values[f"{cycle.speed:g}"]),
         PAPER.record(case, "speed reached", "cm/s", 100 * cycle.reached),
     ]
 
@@ -153,7 +148,7 @@ def _table(cycles: Sequence[Cycle]) -> TableData:
     head = ("", *(f"{100 * cycle.speed:.0f} cm/s" for cycle in cycles))
     rows: tuple[Row, ...] = (
         ("share here", *(Cell(f"{100 * cycle.share:.1f} %", strong=True) for cycle in cycles)),
-        ("the paper's", *(f"{_paper(cycle):.1f} %" for cycle in cycles)),
+        ("the paper's", *(f"{PAPER.values[f'{cycle.speed:g}']:.1f} %" for cycle in cycles)),
         ("speed reached", *(f"{100 * cycle.reached:.1f} cm/s" for cycle in cycles)),
         ("time of a cycle", *(f"{cycle.time[-1]:.2f} s" for cycle in cycles)),
     )

@@ -121,15 +121,11 @@ class LegCase:
         A displacement s of a link whose thinnest radius of gyration is r changes its pseudo-inertia by s/r in the
         prior's coordinates; the largest s/r of the leg's links is used, and at least the default width.
         """
-        usual = PriorWidth()
-        thinnest = min(_thinnest(self.cad, link) for link in self.cad.leg(LEG).links)
-        return replace(usual, shape=max(usual.shape, COM_STD / thinnest))
-
-
-def _thinnest(robot: Robot, link: str) -> float:
-    body = positive_definite(robot.inertias[link])
-    second = body.shifted(-body.com).pseudo_inertia[:3, :3]
-    return float(np.sqrt(np.linalg.eigvalsh(second).min() / body.mass))
+        usual, squares = PriorWidth(), []
+        for body in (positive_definite(self.cad.inertias[link]) for link in self.cad.leg(LEG).links):
+            second = body.shifted(-body.com).pseudo_inertia[:3, :3]
+            squares.append(np.linalg.eigvalsh(second).min() / body.mass)
+        return replace(usual, shape=max(usual.shape, COM_STD / float(np.sqrt(min(squares)))))
 
 
 # -- real logs --------------------------------------------------------------------------------------------------------

@@ -34,7 +34,7 @@ from stadera.lab.control.steps import CrawlCommand
 from stadera.lab.control.trunk import TrunkController
 from stadera.lab.plant.payload import DroppedBox, Payload, RigidMass, Tray
 from stadera.lab.plant.plant import Plant, SimulationError
-from stadera.lab.plant.sensors import STANDARD, SensorErrors, Sensors, estimator_model, plant_model
+from stadera.lab.plant.sensors import STANDARD, Sensors, estimator_model, plant_model
 from stadera.lab.supervise.supervisor import Mode, NonstopSupervisor, StoppingSupervisor, Transition
 from stadera.robot import Robot, load_robot
 from stadera.robot.stance import standing_configuration
@@ -65,9 +65,6 @@ class OutcomeLimits:
     sagging: float = 0.8
     # [s], time for which a joint may be at its torque limit, since drives heat up. The controllers' own limit.
     overload: float = 0.5
-
-
-_LIMITS = OutcomeLimits()
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,15 +134,15 @@ class WalkTrace:
     def _overload(self) -> str:
         spells = [longest_spell(self.time[self.since :], limited) for limited in self.limited[self.since :].T]
         worst = int(np.argmax(spells))
-        if spells[worst] <= _LIMITS.overload:
+        if spells[worst] <= OutcomeLimits.overload:
             return ""
         return f"joint {self.joints[worst]} was at its torque limit for {spells[worst]:.1f} s"
 
     def _sagging(self) -> str:
         height = self.height[self.since :]
-        spell = longest_spell(self.time[self.since :], height < (1.0 - _LIMITS.sag) * height[0])
+        spell = longest_spell(self.time[self.since :], height < (1.0 - OutcomeLimits.sag) * height[0])
         sagged = f"the trunk sagged by up to {100.0 * (height[0] - height.min()):.0f} cm"
-        return sagged if spell > _LIMITS.sagging else ""
+        return sagged if spell > OutcomeLimits.sagging else ""
 
     def _progress(self) -> str:
         """The shortfall over the last cycle, or over the time since the load if that is shorter."""
@@ -154,11 +151,11 @@ class WalkTrace:
         first = int(np.searchsorted(self.time, end - window))
         ahead = float(self.position[-1, 0] - self.position[first, 0])
         taken = sum(time > end - window for time in self.steps)
-        if ahead < _LIMITS.share * self.speed * window:
+        if ahead < OutcomeLimits.share * self.speed * window:
             return (
                 f"it got {100.0 * ahead:.0f} of {100.0 * self.speed * window:.0f} cm ahead in the last {window:.1f} s"
             )
-        if taken < _LIMITS.share * np.floor(window / self.step_time):
+        if taken < OutcomeLimits.share * np.floor(window / self.step_time):
             return f"it took {taken} of {window / self.step_time:.0f} steps in the last {window:.1f} s"
         return ""
 
@@ -180,13 +177,11 @@ class LoadedWalkCase:
 
     robot: str = "hyq"
     payload: Payload | None = None  # the load added; None for none
-    stand: float = 1.0  # time for which the robot stands before it walks [s]: enough to weigh the tare
     load_at: float = 5.0  # time at which it is added [s]
     # has the load weighed; None for none: controller and planner keep the model file's trunk
     supervisor: type[StoppingSupervisor] | type[NonstopSupervisor] | None = StoppingSupervisor
     seconds: float = 20.0  # of the run, standing included
     speed: float = 0.1  # [m/s], ahead
-    errors: SensorErrors = STANDARD  # of the sensors
     seed: int = 0  # of all draws
 
 
@@ -245,21 +240,22 @@ def weight_at(robot: Robot, corner: str, force: float) -> RigidMass:
 class LoadedWalk:
     """A walk in progress. `fault` says why the controller failed, so that the drives only brake."""
 
+    stands = 1.0  # time for which the robot stands before it walks [s]: enough to weigh the tare
     braked = 10.0  # joint velocity above which braking drives apply their full torque [rad/s]
 
     def __init__(self, case: LoadedWalkCase) -> None:
         self.case, robot = case, load_robot(case.robot)
-        real = plant_model(robot, case.errors)
-        model = estimator_model(real, case.errors, case.seed)
+        real = plant_model(robot, STANDARD)
+        model = estimator_model(real, STANDARD, case.seed)
         plant = Plant(real)
         plant.reset(standing_configuration(robot))
         self.crawl = Crawl(TrunkController(model), command=CrawlCommand(case.speed))
-        self.bed = TestBed(plant, Sensors(case.errors, case.seed, robot), self.crawl)
+        self.bed = TestBed(plant, Sensors(STANDARD, case.seed, robot), self.crawl)
         self.monitor = WalkMonitor(plant)
         self.loaded_at, self.fault, self._bare = np.nan, "", plant.truth()
         effort = np.array([robot.limits[joint].effort for joint in robot.tree.joints])
         self._brake = np.where(np.isfinite(effort), effort / self.braked, 0.0)
-        self._events = sorted([(case.stand, self._begin), (case.load_at, self._load)], key=lambda event: event[0])
+        self._events = sorted([(self.stands, self._begin), (case.load_at, self._load)], key=lambda event: event[0])
         self.supervisor = None if case.supervisor is None else case.supervisor(model, self.crawl)
 
     def run(self, watch: Callable[[LoadedWalk], None] | None = None) -> LoadedWalkOutcome:
@@ -306,13 +302,13 @@ class LoadedWalk:
             self.loaded_at = self.bed.plant.time
 
     def outcome(self) -> LoadedWalkOutcome:
-        plant, supervisor, command = self.bed.plant, self.supervisor, self.crawl.command
+        plant, supervisor = self.bed.plant, self.supervisor
         trace = WalkTrace(
             **self.monitor.history,
             joints=plant.robot.tree.joints,
             steps=tuple(event.time for event in self.crawl.events if event.phase is CrawlPhase.SWING),
             speed=self.case.speed,
-            step_time=self.crawl.settings.timing(command).step,
+            step_time=self.crawl.steps.timing.step,
             loaded_at=self.loaded_at,
             fall=self.monitor.fall,
             fault=self.fault,

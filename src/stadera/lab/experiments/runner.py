@@ -64,7 +64,6 @@ class Experiment:
     """An experiment of the registry."""
 
     name: str
-    title: str
     run: Callable[[ReproduceSettings, Progress], ExperimentResult]  # neither prints nor writes
     study: bool = False  # True for hundreds of runs that take an hour: run on request only, not by `all`
     seeded: bool = False  # whether it repeats its grid for each of `ReproduceSettings.seeds`
@@ -116,7 +115,7 @@ class Paper:
             one = partial(run, logs=logs) if keeps_logs else run
             return summary(grid, run_grid(self.name, one, grid, progress, keep, Pool(0) if alone else settings.pool))
 
-        return Experiment(self.name, self.title, whole, self.study, self.seeded)
+        return Experiment(self.name, whole, self.study, self.seeded)
 
     def record(
         self,

@@ -17,8 +17,8 @@ import numpy as np
 from stadera.lab.control.reference import TrunkPose
 from stadera.lab.control.stand import TestBed
 from stadera.lab.control.trunk import TrunkController
-from stadera.lab.laws.orientation import OrientationCom, PostureLaw
-from stadera.lab.laws.recursive import ContactCom, RecursiveCom
+from stadera.lab.laws.orientation import PostureLaw
+from stadera.lab.laws.recursive import RecursiveCom
 from stadera.lab.laws.static import MassEstimator
 from stadera.lab.laws.static_poses import PoseOffset, static_poses
 from stadera.lab.plant.payload import VirtualForce
@@ -221,10 +221,7 @@ class _StandingRun:
         if estimator.estimate().status is Status.CONVERGED:
             tilted = self.home.moved(np.zeros(3), np.array([0.0, self.case.tilt, 0.0]))
             self._move(tilted)
-            if isinstance(estimator, OrientationCom):
-                estimator.look_for_height(tilted.rotation)
-            elif isinstance(estimator, ContactCom):
-                estimator.look_for_height()
+            estimator.look_for_height(tilted.rotation)
             self._watched(estimator, self.times.height)
 
     def outcome(self) -> StandingOutcome:
@@ -272,4 +269,4 @@ def _with_drive_offset(robot: Robot, case: StandingCase) -> Robot:
         joint: replace(robot.dynamics[joint], offset=robot.dynamics[joint].offset + float(value))
         for joint, value in zip(robot.tree.joints, drawn, strict=True)
     }
-    return replace(robot, dynamics=dynamics)
+    return robot.with_dynamics(dynamics)

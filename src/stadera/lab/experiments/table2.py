@@ -30,8 +30,13 @@ def cases(settings: ReproduceSettings) -> list[StandingCase]:
 def summary(_: Sequence[StandingCase], outcomes: Sequence[StandingOutcome]) -> ExperimentResult:
     hyq = [o for o in outcomes if o.case.robot == "hyq"]
     others = [o for o in outcomes if o.case.robot != "hyq"]
-    plane, height = [_plane_record(o) for o in hyq], [_height_record(o) for o in hyq if _finds_height(o.case.method)]
-    bounds = PAPER.bounds
+    plane, height, values, bounds = list[Record](), list[Record](), PAPER.values, PAPER.bounds
+    for o in hyq:
+        paper = values["plane"][o.case.method][_LOADS.index(o.case.load)]
+        plane.append(PAPER.record(_named(o), "‖δ‖ in x-y", "cm", 100 * o.in_plane, paper, bounds["plane"]))
+        if o.case.height:
+            paper = values["height"][o.case.method]
+            height.append(PAPER.record(_named(o), "|δ_z|", "cm", 100 * o.height, paper, bounds["height"]))
     note = f"In brackets the paper's. Bound: {bounds['plane']:.2f} cm in every cell."
     tables = [_table("Error in x-y", "‖δ‖ [cm]", plane, note)]
     if height:
@@ -57,11 +62,7 @@ EXPERIMENT = PAPER.experiment(cases, stand, summary)
 
 
 def _case(method: str, load: float, seed: int, robot: str = "hyq") -> StandingCase:
-    return StandingCase(robot, method, load, seed=seed, height=_finds_height(method))
-
-
-def _finds_height(method: str) -> bool:
-    return method in PAPER.values["height"]
+    return StandingCase(robot, method, load, seed=seed, height=method in PAPER.values["height"])
 
 
 def _weight(name: str) -> float | None:
@@ -75,16 +76,6 @@ def _weight(name: str) -> float | None:
 def _named(outcome: StandingOutcome) -> dict[str, str | float]:
     case = outcome.case
     return {"robot": case.robot, "method": METHOD_NAMES[case.method], "load [N]": round(case.load, 1)}
-
-
-def _plane_record(o: StandingOutcome) -> Record:
-    paper = PAPER.values["plane"][o.case.method][_LOADS.index(o.case.load)]
-    return PAPER.record(_named(o), "‖δ‖ in x-y", "cm", 100 * o.in_plane, paper, PAPER.bounds["plane"])
-
-
-def _height_record(o: StandingOutcome) -> Record:
-    paper = PAPER.values["height"][o.case.method]
-    return PAPER.record(_named(o), "|δ_z|", "cm", 100 * o.height, paper, PAPER.bounds["height"])
 
 
 def _load(record: Record) -> str:

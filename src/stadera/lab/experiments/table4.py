@@ -8,13 +8,7 @@ from typing import Literal
 import numpy as np
 
 from stadera.lab.experiments.runner import ExperimentResult, Paper, Record, ReproduceSettings, crossed, grouped
-from stadera.lab.experiments.standing import (
-    METHOD_NAMES,
-    StandingCase,
-    StandingOutcome,
-    StandingTimes,
-    stand,
-)
+from stadera.lab.experiments.standing import METHOD_NAMES, StandingCase, StandingOutcome, StandingTimes, stand
 from stadera.lab.laws.poses import WIDE_FOOT, WIDE_TORQUE
 from stadera.lab.plant.sensors import Gaussian, SensorErrors
 from stadera.report.table import TableData
@@ -46,30 +40,18 @@ _READINGS: dict[Reading, str] = {
 
 @dataclass(frozen=True)
 class _Error:
-    """Texts for a kind of error: its object, unit, columns (μ, σ), readings."""
+    """Texts for a kind of error: its object, unit, columns (μ, σ), reading besides "run" and "sample"."""
 
     name: str
     title: str
     unit: str
     columns: tuple[tuple[float, float], ...]
-    readings: tuple[Reading, ...]
+    own: Reading
 
 
 _ERRORS: Mapping[Kind, _Error] = {
-    "torque": _Error(
-        "torque offset",
-        "Torque offsets",
-        "N·m",
-        ((0.0, 1.0), (10.0, 1.0), (20.0, 1.0)),
-        ("run", "sample", "drive"),
-    ),
-    "foot": _Error(
-        "foot position",
-        "Wrong foot positions",
-        "cm",
-        ((0.0, 1.0), (0.0, 2.0), (0.0, 3.0)),
-        ("run", "sample", "misled"),
-    ),
+    "torque": _Error("torque offset", "Torque offsets", "N·m", ((0.0, 1.0), (10.0, 1.0), (20.0, 1.0)), "drive"),
+    "foot": _Error("foot position", "Wrong foot positions", "cm", ((0.0, 1.0), (0.0, 2.0), (0.0, 3.0)), "misled"),
 }
 _METRIC = "‖δ‖ in x-y, median"
 
@@ -133,10 +115,11 @@ def cases(settings: ReproduceSettings) -> list[ErrorCase]:
     """All errors, with each method."""
     if settings.quick:
         return [ErrorCase(ErrorColumn("torque", "sample", 0.0, 1.0), "contact", settings.seed)]
+    readings: tuple[Reading, ...] = ("run", "sample")
     columns = [
         ErrorColumn(kind, reading, mean, std)
         for kind, error in _ERRORS.items()
-        for reading in error.readings
+        for reading in (*readings, error.own)
         for mean, std in error.columns
     ]
     return [

@@ -70,7 +70,7 @@ class _LoadedRun:
     def _by_forces(self) -> list[float]:
         """The supervisor's weighing, and another one of the same moments without correction of torque offsets."""
         supervisor, asked = self.supervisor, self.case.load > 0.0
-        while not supervisor.weighing:
+        while all(transition.after is not Mode.WEIGHING_MASS for transition in supervisor.transitions):
             time = self._step()
             if not asked and time >= self.times.ask:
                 supervisor.weigh("Table V asks for it")

@@ -70,12 +70,10 @@ class OrientationCom(RecursiveCom):
         self._step, self._due = step_size(self.settings.settling, self.settings.period), np.nan
         self._clear()
 
-    def look_for_height(self, reference: Array) -> None:
-        """Starts phase two; from now on the controller holds the trunk to this reference (3, 3), world. Raises
-        IdentificationError: the plane has not been found yet.
-        """
-        self._look_for_height()
-        self.reference = reference
+    def look_for_height(self, reference: Array | None = None) -> None:
+        super().look_for_height()
+        if reference is not None:
+            self.reference = reference
         self._clear()
 
     def _learn(self, measurement: Measurement, forces: ContactForces) -> None:

@@ -12,7 +12,7 @@ nearly so in these. Each leg in the air adds three equations.
 """
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -35,34 +35,29 @@ SETTLED = StaticLimits(joint_velocity=0.02, quiet=0.5)
 """Limits for a robot at rest for so long that the trunk's residual sway is negligible."""
 
 
-@dataclass(frozen=True)
-class Alike:
-    """Largest difference between a sample and the mean of its pose."""
-
-    joint: float = 0.02  # of any joint [rad]
-    # of the vertical [rad]; ignored if the vertical comes from the feet's forces, whose noise exceeds the tilt between
-    # poses
-    tilt: float = 0.01
-
-
 class PoseMean:
-    """Running mean of similar samples, of which there are `count`."""
+    """Running mean of similar samples, of which there are `count`: none is farther from it than `joint` [rad] in any
+    joint and `tilt` [rad] in the vertical, unless that comes from the feet's forces, whose noise exceeds the tilt
+    between poses.
+    """
+
+    joint, tilt = 0.02, 0.01
 
     def __init__(self, first: Measurement) -> None:
         self._first, self._mean = first, {name: value.copy() for name, value in _averaged(first).items()}
         self._foot_squares, self._effort_squares = 0.0, np.zeros((len(first.effort), len(first.effort)))
         self.count = 1
 
-    def takes(self, m: Measurement, alike: Alike) -> bool:
+    def takes(self, m: Measurement) -> bool:
         """Adds a sample if it is similar and the same legs are in stance; returns whether it was added."""
         values, k = _averaged(m), len(m.extra) // 3
         if _meant(m) != _meant(self._first) or values.keys() != self._mean.keys():
             return False
         away = {name: value - self._mean[name] for name, value in values.items()}
         joints = np.append(away["joint_position"], away["extra"][:k])
-        if float(np.abs(joints).max()) > alike.joint:
+        if float(np.abs(joints).max()) > self.joint:
             return False
-        if not m.vertical_by_forces and float(np.abs(away["up"]).max()) > alike.tilt:
+        if not m.vertical_by_forces and float(np.abs(away["up"]).max()) > self.tilt:
             return False
         self.count += 1
         share = 1.0 / self.count
@@ -119,7 +114,6 @@ class PosesSettings:
     torque_constant: float | None = None
     foot_position: float | None = None
     still: StaticLimits = SETTLED  # limits for a robot at rest
-    alike: Alike = field(default_factory=Alike)  # criteria for samples of one pose
 
 
 WIDE_TORQUE, WIDE_FOOT = 0.15, 0.03
@@ -132,7 +126,7 @@ COMBINED = PosesSettings(seek_errors=True, kept=64, torque_constant=WIDE_TORQUE,
 class PosesCom(StaticEstimator):
     """Estimates all three components by least squares over the poses held so far, with bounded memory: by default the
     paper's approach (a), by `COMBINED` with errors as unknowns. `start` is the value of components that no pose
-    determines, `poses` the number of poses held.
+    determines.
     """
 
     _WITHOUT_IMU = True
@@ -146,21 +140,15 @@ class PosesCom(StaticEstimator):
     ) -> None:
         self.settings = settings or PosesSettings()
         super().__init__(robot, start, forces, self.settings.still)
-        noise, torque, foot = self.forces.noise, self.settings.torque_constant, self.settings.foot_position
+        torque, foot = self.settings.torque_constant, self.settings.foot_position
         if torque is not None and foot is not None:
-            noise = ForceNoise.of(robot, constant=torque, foot_position=foot)
-        self._error_std = stated_errors(robot, noise)
+            self._error_std = stated_errors(robot, ForceNoise.of(robot, constant=torque, foot_position=foot))
         self._folded = plausible(robot, self._start, self.bounds)
         self._open: PoseMean | None = None
         self._closed: list[PoseMean] = []
         self._linear_at = self._anchor = np.zeros(len(self._error_std))
         self._known = unobserved()
-        self._solved, self._latest, self.poses = -np.inf, np.nan, 0
-
-    @property
-    def sources(self) -> Array:
-        """Constant errors as last estimated, (k,), see `constant_errors_of`; zero if they are not estimated."""
-        return self._linear_at.copy()
+        self._solved, self._latest = -np.inf, np.nan
 
     def tare(self) -> None:
         """Makes the present estimate the reference for `payload`, and begins anew: later poses may be of another
@@ -179,9 +167,9 @@ class PosesCom(StaticEstimator):
 
     def _learn(self, measurement: Measurement, forces: ContactForces) -> None:
         self._latest = measurement.time
-        if self._open is None or not self._open.takes(measurement, self.settings.alike):
+        if self._open is None or not self._open.takes(measurement):
             self._close()
-            self._open, self.poses = PoseMean(measurement), self.poses + 1
+            self._open = PoseMean(measurement)
 
     def _close(self) -> None:
         kept = self.settings.kept

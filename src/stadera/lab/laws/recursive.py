@@ -36,7 +36,6 @@ are in trunk axes, so no heading is needed.
 """
 
 from dataclasses import dataclass
-from enum import StrEnum
 from functools import cached_property
 from math import exp, log
 
@@ -46,7 +45,7 @@ from stadera.constants import GRAVITY
 from stadera.errors import IdentificationError
 from stadera.inertia import skew
 from stadera.lab.laws.equilibrium import error_slope
-from stadera.lab.laws.static import StaticEstimator, stated_errors, white_covariance
+from stadera.lab.laws.static import StaticEstimator, white_covariance
 from stadera.robot.model import Robot
 from stadera.trunk.measurement import Measurement
 from stadera.trunk.model import TrunkModel
@@ -116,13 +115,6 @@ LEAST_TILT = np.deg2rad(3.0)
 """Least tilt between the poses of the two phases [rad]."""
 
 
-class Phase(StrEnum):
-    """The components being estimated: those in a plane, or the height."""
-
-    PLANE = "plane"
-    HEIGHT = "height"
-
-
 @dataclass(frozen=True)
 class LawSettings:
     """Settings of a feedback law, all positive."""
@@ -132,7 +124,6 @@ class LawSettings:
     # standard deviation of the centre of mass along the vertical, where it is not observed [m]; on a slope it enters
     # the other components' covariance
     height_std: float = 0.05
-    orientation_std: float = float(np.deg2rad(0.2))  # constant error of the measured orientation [rad]
     still: StaticLimits = SLOW  # limits of standing still
     mass_settled: float = 1e-3  # innovation of the mass below which it has settled, as a share of the robot's mass
     stale: float = 0.1  # interval at which the covariance is recomputed [s]
@@ -180,14 +171,12 @@ class RecursiveCom(StaticEstimator):
     ) -> None:
         self.settings = settings or LawSettings()
         super().__init__(robot, start, forces, self.settings.still)
-        self.phase = Phase.PLANE
-        self._error_std = stated_errors(robot, self.forces.noise, self.settings.orientation_std)
         self._settled = Settled()
         self._mass_settled = Settled(self.settings.mass_settled * robot.mass)
         self._known: Array | None = None
         self._seen_from: Instant | None = None
         self._seen_at = -np.inf
-        self._before: Instant | None = None  # at the end of phase one
+        self._before: Instant | None = None  # at the end of phase one; None in it
         self._step = 0.0
 
     def _robot_com(self, leg_moment: Array) -> Array:
@@ -212,13 +201,16 @@ class RecursiveCom(StaticEstimator):
             return line * (float(line @ error) / square)
         return self.settings.selection(up) @ error
 
-    def _look_for_height(self) -> None:
-        """Starts phase two. Raises IdentificationError: phase one has not settled."""
-        if (self.phase is Phase.PLANE and not self._settled.reached) or self._seen_from is None:
+    def look_for_height(self, reference: Array | None = None) -> None:
+        """Starts phase two: the components in the plane are kept, and later tilted poses determine the height. Raises
+        IdentificationError: the components in the plane have not been found yet.
+
+        Args:
+            reference: (3, 3), world, to which the controller holds the trunk from now on; of `OrientationCom`.
+        """
+        if (self._before is None and not self._settled.reached) or self._seen_from is None:
             raise IdentificationError("the height is estimated once the components in the plane have converged")
-        if self.phase is Phase.PLANE:
-            self._before = self._seen_from
-        self.phase, self._known = Phase.HEIGHT, None
+        self._before, self._known = self._before or self._seen_from, None
         self._settled.restart()
 
     def _interrupted(self) -> None:
@@ -286,12 +278,6 @@ class ContactCom(RecursiveCom):
     """Steps towards the line of action of the contact forces, with any controller, in closed loop or open loop."""
 
     _last = np.nan
-
-    def look_for_height(self) -> None:
-        """Starts phase two: the components in the plane are kept, and later tilted poses determine the height.
-        Raises IdentificationError: the components in the plane have not been found yet.
-        """
-        self._look_for_height()
 
     def _learn(self, measurement: Measurement, forces: ContactForces) -> None:
         time, up = measurement.time, measurement.up

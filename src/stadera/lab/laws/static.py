@@ -26,14 +26,12 @@ from stadera.trunk.standing.forces import ContactForceEstimator, ContactForces, 
 from stadera.types import Array
 
 
-def stated_errors(robot: Robot, noise: ForceNoise, orientation: float = np.deg2rad(0.2)) -> Array:
-    """Standard deviations (k,) of the errors of `constant_errors_of`, which are independent; that of each component of
-    ε [rad].
-    """
+def stated_errors(robot: Robot, noise: ForceNoise) -> Array:
+    """Standard deviations (k,) of the errors of `constant_errors_of`, which are independent; the vertical's is 0.2°."""
     places = constant_errors_of(robot)
     std = np.empty(len(places))
     std[places["torque"]], std[places["foot"]] = noise.torque_constant, noise.foot_position
-    std[places["vertical"]], std[places["link_mass"]] = orientation, noise.leg_mass
+    std[places["vertical"]], std[places["link_mass"]] = np.deg2rad(0.2), noise.leg_mass
     return np.maximum(std, 1e-9)
 
 
@@ -60,6 +58,7 @@ class StaticEstimator(StepEstimator):
         limits: StaticLimits | None = None,
     ) -> None:
         self.robot, self.forces = robot, forces or ContactForceEstimator(robot)
+        self._error_std = stated_errors(robot, self.forces.noise)
         self.bounds = TrunkBounds.of(robot)
         self.gate = StaticDetector(robot, limits)
         self._trunk = self._start = self.bounds.check(start or TrunkModel.prior(robot))
@@ -145,7 +144,6 @@ class MassEstimator(StaticEstimator):
     ) -> None:
         super().__init__(robot, start, forces)
         self.settings = settings or MassSettings()
-        self._error_std = stated_errors(robot, self.forces.noise)
         self._last: tuple[ContactForces, Measurement] | None = None
         self._known: Array | None = None
         self._averaged_variance = self._slow = self._fast = self._sample_variance = 0.0

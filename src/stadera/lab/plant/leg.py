@@ -166,7 +166,12 @@ def perturbed(
     """
     least = margin * least_leg_eigenvalue(robot, leg)
     for _ in range(draws):
-        links = {link: _noisy(robot.inertias[link], rng, com_std, inertia_std) for link in robot.leg(leg).links}
+        links = {}
+        for link in robot.leg(leg).links:
+            vector = robot.inertias[link].vector.copy()
+            vector[1:4] += vector[0] * rng.normal(0.0, com_std, 3)
+            vector[4:] += rng.normal(0.0, inertia_std, 6)
+            links[link] = InertialParameters(vector)
         candidate = robot.with_inertias(links)
         if least_leg_eigenvalue(candidate, leg) >= least:
             return candidate
@@ -195,12 +200,3 @@ def perturbed_physical(
         # r' = c + s + D (r - c)
         changed[link] = body.transformed(deformation, com + shift - deformation @ com)
     return robot.with_inertias(changed)
-
-
-def _noisy(
-    body: InertialParameters, rng: np.random.Generator, com_std: float, inertia_std: float
-) -> InertialParameters:
-    vector = body.vector.copy()
-    vector[1:4] += body.mass * rng.normal(0.0, com_std, 3)
-    vector[4:] += rng.normal(0.0, inertia_std, 6)
-    return InertialParameters(vector)

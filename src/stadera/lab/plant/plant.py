@@ -13,6 +13,7 @@ timestep, standing feet chatter. The damping of real robots is a hundred times s
 """
 
 from math import isfinite
+from typing import TypeVar
 
 import mujoco
 import numpy as np
@@ -28,6 +29,7 @@ from stadera.robot.model import Robot
 from stadera.types import Array
 
 _XYZW = np.array([1, 2, 3, 0])
+Kind = TypeVar("Kind")
 
 
 class SimulationError(StaderaError):
@@ -95,7 +97,7 @@ class Plant:
         self._payloads = (*self._payloads, payload)
         if isinstance(payload, DroppedBox):
             self._rebuild()
-            self._place_box(sum(isinstance(p, DroppedBox) for p in self._payloads) - 1, payload)
+            self._place_box(len(self._of(DroppedBox)) - 1, payload)
         else:
             self._load_trunk()
         self._evaluate()
@@ -111,14 +113,11 @@ class Plant:
         does not count.
         """
         total = self._loaded_links()[self.robot.trunk]
-        boxes = 0
-        for payload in self._payloads:
-            if isinstance(payload, DroppedBox):
-                if self._contacts.box_on_tray(self._data, boxes):
-                    total = total + payload.parameters.transformed(*self._box_pose(boxes))
-                boxes += 1
-            elif isinstance(payload, VirtualForce):
-                total = total + payload.parameters
+        for force in self._of(VirtualForce):
+            total = total + force.parameters
+        for index, box in enumerate(self._of(DroppedBox)):
+            if self._contacts.box_on_tray(self._data, index):
+                total = total + box.parameters.transformed(*self._box_pose(index))
         return total
 
     # -- truth of this instant --------------------------------------------------------------------------------
@@ -162,8 +161,8 @@ class Plant:
     @property
     def box_poses(self) -> tuple[Array, ...]:
         """Present poses of all dropped boxes: (7,) position of the centre [m] and quaternion xyzw, in the world."""
-        data, count = self._data, sum(isinstance(payload, DroppedBox) for payload in self._payloads)
-        bodies = [self._model.body(box_body(index)).id for index in range(count)]
+        data = self._data
+        bodies = [self._model.body(box_body(index)).id for index in range(len(self._of(DroppedBox)))]
         return tuple(np.concatenate([data.xpos[body], data.xquat[body][_XYZW]]) for body in bodies)
 
     @property
@@ -191,8 +190,7 @@ class Plant:
 
     # -- inside -----------------------------------------------------------------------------------------------
     def _build(self) -> None:
-        boxes = [payload for payload in self._payloads if isinstance(payload, DroppedBox)]
-        self._model = build_world(self.robot, self.terrain, self.timestep, boxes)
+        self._model = build_world(self.robot, self.terrain, self.timestep, self._of(DroppedBox))
         self._data = mujoco.MjData(self._model)
         n = self._joint_count
         self._q, self._v = slice(7, 7 + n), slice(6, 6 + n)  # after the trunk's free joint
@@ -217,7 +215,7 @@ class Plant:
         after.qacc_warmstart[:v] = before.qacc_warmstart[:v]
 
     def _load_trunk(self) -> None:
-        virtual = [payload for payload in self._payloads if isinstance(payload, VirtualForce)]
+        virtual = self._of(VirtualForce)
         for link, inertia in self._loaded_links().items():
             set_body_inertia(self._model, self._model.body(link).id, inertia)
         mujoco.mj_setConst(self._model, mujoco.MjData(self._model))
@@ -232,11 +230,14 @@ class Plant:
 
     def _loaded_links(self) -> dict[str, InertialParameters]:
         links = dict(self.robot.inertias)
-        for payload in self._payloads:
-            if isinstance(payload, RigidMass):
-                link = payload.link or self.robot.trunk
-                links[link] = links[link] + payload.parameters
+        for payload in self._of(RigidMass):
+            link = payload.link or self.robot.trunk
+            links[link] = links[link] + payload.parameters
         return links
+
+    def _of(self, kind: type[Kind]) -> list[Kind]:
+        """The loads of one kind, in the order in which they were added."""
+        return [payload for payload in self._payloads if isinstance(payload, kind)]
 
     def _evaluate(self) -> None:
         data = self._data

@@ -68,7 +68,12 @@ def build_world(robot: Robot, terrain: Terrain, timestep: float, boxes: Sequence
     """Compiles the world; boxes follow the robot in the state, in their order."""
     options = PlantOptions(floating=True, timestep=timestep)
     spec = build_spec(robot, robot.tree, options)
-    _set_solver(spec)
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_EULER
+    spec.option.solver = mujoco.mjtSolver.mjSOL_NEWTON
+    spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    spec.option.impratio = CONTACT.friction_to_normal
+    spec.option.tolerance = CONTACT.tolerance
+    spec.option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
     _add_ground(spec, terrain)
     trunk = spec.body(robot.trunk)
     for leg in robot.legs:
@@ -97,15 +102,6 @@ def build_world(robot: Robot, terrain: Terrain, timestep: float, boxes: Sequence
     if boxes:
         mujoco.mj_setConst(model, mujoco.MjData(model))
     return model
-
-
-def _set_solver(spec: mujoco.MjSpec) -> None:
-    spec.option.integrator = mujoco.mjtIntegrator.mjINT_EULER
-    spec.option.solver = mujoco.mjtSolver.mjSOL_NEWTON
-    spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
-    spec.option.impratio = CONTACT.friction_to_normal
-    spec.option.tolerance = CONTACT.tolerance
-    spec.option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
 
 
 def _contact(

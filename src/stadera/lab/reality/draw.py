@@ -152,9 +152,7 @@ class DrawnVarying:
         return {
             "friction": {name: value.tolist() for name, value in vars(self.friction).items()},
             "drift": self.drift.tolist(),
-            "lowpass": self.lowpass,
-            "held": self.held,
-            "jitter": self.jitter,
+            **{name: getattr(self, name) for name in ("lowpass", "held", "jitter")},
         }
 
 
@@ -183,6 +181,11 @@ class DrawnRobot:
     compliance: Array  # of the gears [rad/(N·m)]
     varying: DrawnVarying | None  # what varies over the run
 
+    @property
+    def friction(self) -> DryFriction | None:
+        """Dry friction that varies; None if it does not."""
+        return None if self.varying is None else self.varying.friction
+
     def to_dict(self) -> dict[str, Any]:
         """Plain values, SI units; joints by name, links with their true ten parameters."""
         joints, t = self.robot.tree.joints, self.terrain
@@ -198,13 +201,8 @@ class DrawnRobot:
             "feet": {
                 leg.name: {"position": list(leg.foot_position), "radius": leg.foot_radius} for leg in self.robot.legs
             },
-            "ground": {
-                "slope": t.slope,
-                "heading": t.heading,
-                "friction": t.friction,
-                "softness": t.softness,
-                "roughness": t.stones.height if t.stones else 0.0,
-            },
+            "ground": {name: getattr(t, name) for name in ("slope", "heading", "friction", "softness")}
+            | {"roughness": t.stones.height if t.stones else 0.0},
             **({"varying": self.varying.to_dict()} if self.varying else {}),
         }
 

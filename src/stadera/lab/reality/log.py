@@ -30,9 +30,6 @@ class SpikeSizes:
     specific_force: float = 50.0  # m/s²
 
 
-_SPIKES = SpikeSizes()
-
-
 @dataclass(frozen=True, eq=False)
 class TrueMotion:
     """True motion at every millisecond of a run, for n joints."""
@@ -119,13 +116,8 @@ def measured_log(
 
 
 def _spoil(channels: Sequence[Array], limit: Array, count: int, rng: np.random.Generator) -> None:
-    most = (
-        _SPIKES.position,
-        _SPIKES.velocity,
-        _SPIKES.effort * limit,
-        _SPIKES.angular_velocity,
-        _SPIKES.specific_force,
-    )
+    sizes = SpikeSizes()
+    most = (sizes.position, sizes.velocity, sizes.effort * limit, sizes.angular_velocity, sizes.specific_force)
     for _ in range(count):
         which = int(rng.integers(len(channels)))
         values = channels[which]

@@ -1,13 +1,12 @@
 """Report of the demo: terminal, page and plots, and the data of its 3D scene: the robot's tree and parts, both films.
 
-A robot appears with its meshes if available (HyQ), else with rounded parts. A film's columns are stored as 16-bit
-integers between each column's least and largest value, in base64: the error is at most half of the range / 65534, 10 µm
-of a metre. -32768 marks missing values.
+A film's columns are stored as 16-bit integers between each column's least and largest value, in base64: the error is
+at most half of the range / 65534, 10 µm of a metre. -32768 marks missing values.
 """
 
 import json
 from base64 import b64encode
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from importlib import resources
 from typing import Any
@@ -23,8 +22,8 @@ from stadera.lab.demo import NAMES, DemoResult, DemoRun, true_load
 from stadera.lab.experiments.loaded_walk import LoadedWalkOutcome, WalkOutcome
 from stadera.lab.plant.payload import Tray
 from stadera.lab.supervise.supervisor import Mode
-from stadera.report.figures import Axis, Figure, Guide, Panel, band, line, stacked
-from stadera.report.figures.robot import limbs, trunk_box
+from stadera.report.figures import Axis, Figure, Guide, Panel, Series, band, line, stacked
+from stadera.report.figures.robot import limbs
 from stadera.report.numbers import fixed, number, with_std
 from stadera.report.page import render, script_data
 from stadera.report.table import Cell, Row, TableData, rich_table
@@ -32,6 +31,8 @@ from stadera.report.weigh.tables import place
 from stadera.robot import load_robot
 from stadera.robot.model import Robot
 from stadera.types import Array
+
+_VENDOR = resources.files("stadera.lab.report") / "vendor"
 
 
 def demo_html(result: DemoResult) -> str:
@@ -47,7 +48,7 @@ def demo_html(result: DemoResult) -> str:
         scene_label="Two robots side by side. " + headline(result),
         moments=[(mark, time + 0.05) for mark, time in sorted(marks.items(), key=lambda moment: moment[1])],
         scene=script_data(json.dumps(drawn, separators=(",", ":"), allow_nan=False)),
-        library=Markup((resources.files("stadera.lab.report") / "vendor" / "three.min.js").read_text(encoding="utf-8")),
+        library=Markup((_VENDOR / "three.min.js").read_text(encoding="utf-8")),
         comparison=comparison_table(result),
         cards=[dict(zip(("label", "figure", "unit"), card, strict=True)) for card in _cards(result)],
         load=load_table(identified) if identified.payload is not None else None,
@@ -62,7 +63,7 @@ def _facts(result: DemoResult) -> dict[str, str]:
     settings = result.settings
     x, y, z = (f"{100.0 * edge:.0f}" for edge in settings.size)
     return {
-        "Robot": f"{settings.robot}, crawls at {100 * settings.speed:.0f} cm/s",
+        "Robot": f"{result.without.outcome.case.robot}, crawls at {100 * settings.speed:.0f} cm/s",
         "Box": f"{settings.mass:g} kg, {x} × {y} × {z} cm, let go {100.0 * settings.height:.0f} cm above the back's "
         f"{settings.corner} corner, at {settings.load_at:g} s",
         "Both runs": "the same controller, planner, limits and errors; in one of them the estimated trunk is fed back",
@@ -85,17 +86,49 @@ def _cards(result: DemoResult) -> Iterator[tuple[str, str, str]]:
 
 
 def _plots(result: DemoResult) -> Iterator[Figure]:
+    """The margin of both runs; then mass and centre of mass of the trunk, true, in controller and planner, estimated,
+    of the run with identification.
+    """
+    settings, film = result.settings, result.identified.film
     shaded = "Shaded: from the moment the load is noticed until controller and planner have the new trunk."
-    if result.settings.classic:
+    if settings.classic:
         shaded = "Shaded: what the supervisor does, stopping (orange), weighing (gray, blue), updating (green)."
     note = f"Its distance from the nearest edge of the support polygon; below zero the robot tips. {shaded}"
-    yield margin_figure(result, note)
-    yield mass_figure(result, "With identification, around the load.")
-    yield com_figure(result, "With identification, trunk frame.")
+    margins = tuple(
+        line(run.outcome.trace.time, 100.0 * run.outcome.trace.margin, name, colour)
+        for name, run, colour in zip(NAMES, result.runs, ("red", "blue"), strict=True)
+    )
+    panel = Panel(Axis(), Axis("margin [cm]"), margins, (Guide(0.0, of="y", colour="ink"),))
+    yield _over_time("Margin of the true centre of mass", [panel], result, note)
+    # weighing while walking converges quickly
+    window = (
+        None if settings.classic else (max(settings.load_at - 1.0, 0.0), min(settings.load_at + 2.5, settings.duration))
+    )
+    room = 0.1 * float(film.mass[:, 0].max())
+    limits = float(film.mass[:, 0].min()) - room, float(film.mass[:, 0].max()) + room
+    panel = Panel(Axis(), Axis("trunk with load [kg]", limits=limits), _compared(film.time, film.mass, film.std[:, 0]))
+    yield _over_time("Mass", [panel], result, "With identification, around the load.", window)
+    panels = []
+    for axis, label in enumerate("xy"):
+        values = 100.0 * film.trunk_com[:, :, axis]
+        marks = _compared(film.time, values, 100.0 * film.std[:, 1 + axis])
+        if settings.classic:
+            marks = (*marks, line(film.time, values[:, 2], "weighing", "orange", width=2.2))
+        limits = float(values[:, :2].min() - 1.0), float(values[:, :2].max() + 1.0)
+        panels.append(Panel(Axis(), Axis(f"{label} [cm]", limits=limits), marks))
+    title = "Centre of mass of the trunk with its load"
+    yield _over_time(title, panels, result, "With identification, trunk frame.", window)
 
 
-_TRUE, _CONTROLLER = "true", "controller and planner"
-_BAND = "as weighed, ± 2 standard deviations"
+def _compared(time: Array, values: Array, std: Array) -> tuple[Series, ...]:
+    """A quantity (k, 3), true, in controller and planner, and estimated with its standard deviation (k,)."""
+    return (
+        band(time, values[:, 2], std, "orange", "as weighed, ± 2 standard deviations"),
+        line(time, values[:, 0], "true", "red", width=2.0, dashed=True),
+        line(time, values[:, 1], "controller and planner", "blue", width=2.2),
+    )
+
+
 _SHADES = {
     Mode.STOPPING: "orange",
     Mode.WEIGHING_MASS: "steel",
@@ -103,55 +136,6 @@ _SHADES = {
     Mode.CONVERGED: "green",
     Mode.WEIGHING: "orange",
 }
-
-
-def margin_figure(result: DemoResult, note: str = "") -> Figure:
-    """Margin of the true centre of mass in the support polygon, in both runs."""
-    marks = tuple(
-        line(run.outcome.trace.time, 100.0 * run.outcome.trace.margin, name, colour)
-        for name, run, colour in zip(NAMES, result.runs, ("red", "blue"), strict=True)
-    )
-    panel = Panel(Axis(), Axis("margin [cm]"), marks, (Guide(0.0, of="y", colour="ink"),))
-    return _over_time("Margin of the true centre of mass", [panel], result, note)
-
-
-def mass_figure(result: DemoResult, note: str = "") -> Figure:
-    """Mass in controller and planner, true and estimated, of the run with identification."""
-    film = result.identified.film
-    marks = (
-        band(film.time, film.mass[:, 2], film.std[:, 0], "orange", _BAND),
-        line(film.time, film.mass[:, 0], _TRUE, "red", width=2.0, dashed=True),
-        line(film.time, film.mass[:, 1], _CONTROLLER, "blue", width=2.2),
-    )
-    room = 0.1 * float(film.mass[:, 0].max())
-    limits = float(film.mass[:, 0].min()) - room, float(film.mass[:, 0].max()) + room
-    panel = Panel(Axis(), Axis("trunk with load [kg]", limits=limits), marks)
-    return _over_time("Mass", [panel], result, note, window=_window(result))
-
-
-def com_figure(result: DemoResult, note: str = "") -> Figure:
-    """The trunk's centre of mass: true, in controller and planner, and estimated, with its band."""
-    film, panels = result.identified.film, []
-    for axis, label in enumerate("xy"):
-        values = 100.0 * film.trunk_com[:, :, axis]
-        marks = [
-            band(film.time, values[:, 2], 100.0 * film.std[:, 1 + axis], "orange", _BAND),
-            line(film.time, values[:, 0], _TRUE, "red", width=2.0, dashed=True),
-            line(film.time, values[:, 1], _CONTROLLER, "blue", width=2.2),
-        ]
-        if result.settings.classic:
-            marks.append(line(film.time, values[:, 2], "weighing", "orange", width=2.2))
-        limits = float(values[:, :2].min() - 1.0), float(values[:, :2].max() + 1.0)
-        panels.append(Panel(Axis(), Axis(f"{label} [cm]", limits=limits), tuple(marks)))
-    return _over_time("Centre of mass of the trunk with its load", panels, result, note, window=_window(result))
-
-
-def _window(result: DemoResult) -> tuple[float, float] | None:
-    """Time range for weighing while walking, which converges quickly; None otherwise."""
-    if result.settings.classic:
-        return None
-    at = result.settings.load_at
-    return max(at - 1.0, 0.0), min(at + 2.5, result.settings.duration)
 
 
 def _over_time(
@@ -209,29 +193,28 @@ def _ended(outcome: LoadedWalkOutcome) -> str:
 def comparison_table(result: DemoResult) -> TableData:
     """How both runs ended."""
 
-    def each(name: str, shown: Callable[[LoadedWalkOutcome], str | Cell]) -> Row:
-        return name, shown(result.without.outcome), shown(result.identified.outcome)
+    def shown(outcome: LoadedWalkOutcome) -> Row:
+        trace, fell = outcome.trace, outcome.trace.fall is not None
+        return (
+            Cell(str(trace.outcome), strong=True, good=trace.outcome is WalkOutcome.WALKED),
+            "; ".join(trace.reasons) or "–",
+            f"{trace.distance:.2f}" + ("" if fell else f" of {trace.commanded:.2f}"),
+            "–" if fell else str(trace.steps_lost),
+            fixed(100.0 * trace.least_margin, 1),
+            fixed(outcome.model.mass - outcome.truth.mass, 2),
+            fixed(1e3 * outcome.com_error, 1),
+        )
 
-    def ended(outcome: LoadedWalkOutcome) -> Cell:
-        how = outcome.trace.outcome
-        return Cell(str(how), strong=True, good=how is WalkOutcome.WALKED)
-
-    def lost(outcome: LoadedWalkOutcome) -> str:
-        return "–" if outcome.trace.fall else str(outcome.trace.steps_lost)
-
-    def ahead(outcome: LoadedWalkOutcome) -> str:
-        trace = outcome.trace
-        return f"{trace.distance:.2f}" + ("" if trace.fall else f" of {trace.commanded:.2f}")
-
-    rows = (
-        each("outcome", ended),
-        each("because", lambda o: "; ".join(o.trace.reasons) or "–"),
-        each("got ahead, of what was commanded [m]", ahead),
-        each("steps lost", lost),
-        each("least margin of the true centre of mass [cm]", lambda o: fixed(100.0 * o.trace.least_margin, 1)),
-        each("error of the trunk's mass in the controller [kg]", lambda o: fixed(o.model.mass - o.truth.mass, 2)),
-        each("error of its centre of mass there, in x-y [mm]", lambda o: fixed(1e3 * o.com_error, 1)),
+    names = (
+        "outcome",
+        "because",
+        "got ahead, of what was commanded [m]",
+        "steps lost",
+        "least margin of the true centre of mass [cm]",
+        "error of the trunk's mass in the controller [kg]",
+        "error of its centre of mass there, in x-y [mm]",
     )
+    rows = list(zip(names, shown(result.without.outcome), shown(result.identified.outcome), strict=True))
     return TableData.of("The same walk twice", ("since the box was let go", *NAMES), rows)
 
 
@@ -255,55 +238,24 @@ def log_table(outcome: LoadedWalkOutcome) -> TableData:
 # -- the scene --------------------------------------------------------------------------------------------------------
 def robot_parts(robot: Robot) -> dict[str, Any]:
     """Plain values, metres in the link's frame: meshes, each packed once, and parts on the tree's numbered links."""
-    found, joints = _bundled(robot.name), robot.tree.joints
-    if not {part["joint"] for part in found["parts"]} <= {None, *joints}:  # another model by the same name
-        found = {"meshes": {}, "parts": []}
-    parts = [_mesh_part(part, joints) for part in found["parts"]]
-    return {"meshes": found["meshes"], "parts": [*(parts or _rounded(robot)), _plate(robot), *_feet(robot)]}
-
-
-def _bundled(name: str) -> dict[str, Any]:
-    file = resources.files("stadera.lab.report") / "vendor" / f"{name}.json"
-    if not file.is_file():
-        return {"meshes": {}, "parts": []}
-    return dict(json.loads(file.read_text(encoding="utf-8")))
+    bundled = json.loads((_VENDOR / f"{robot.name}.json").read_text(encoding="utf-8"))
+    meshes = [_mesh_part(part, robot.tree.joints) for part in bundled["parts"]]
+    tray = Tray.of(robot)
+    # the plate on which boxes land; slightly higher than in the plant, so that it covers a back at the same height
+    at = short(tray.centre + np.array([0.0, 0.0, 0.002]))
+    plate = {"link": 0, "kind": "plate", "size": short(2.0 * tray.half_size), "at": at}
+    feet = [
+        {"link": part.link, "kind": "foot", "at": short(at), "radius": radius}
+        for part in (part for leg in robot.legs for part in limbs(robot, leg) if part.kind == "foot")
+        for at, radius in zip(part.centres, part.radii.tolist(), strict=True)
+    ]
+    return {"meshes": bundled["meshes"], "parts": [*meshes, plate, *feet]}
 
 
 def _mesh_part(part: dict[str, Any], joints: tuple[str, ...]) -> dict[str, Any]:
     joint = joints.index(part["joint"]) if part["joint"] else None
     place = {"link": 0 if joint is None else joint + 1, "at": part["at"], "turn": part["turn"]}
     return {"kind": "mesh", "mesh": part["mesh"], **place} | ({} if joint is None else {"joint": joint})
-
-
-def _plate(robot: Robot) -> dict[str, Any]:
-    """The plate on which boxes land; slightly higher than in the plant, so that it covers a back at the same height."""
-    tray = Tray.of(robot)
-    cover = 0.002  # m
-    at = tray.centre + np.array([0.0, 0.0, cover])
-    return {"link": 0, "kind": "plate", "size": short(2.0 * tray.half_size), "at": short(at), "turn": [0, 0, 0, 1]}
-
-
-def _rounded(robot: Robot) -> Iterator[dict[str, Any]]:
-    """Yields a trunk, and legs from joint to joint."""
-    if (box := trunk_box(robot)) is not None:  # lower by the thickness of the plate on top of it
-        under = np.array([0.0, 0.0, 2.0 * Tray.of(robot).half_size[2]])
-        turn = short(Rotation.from_matrix(box.rotation).as_quat())
-        size, at = short(box.size), short(box.translation - under)
-        yield {"link": 0, "kind": "body", "size": size, "at": at, "turn": turn}
-    for part in (part for leg in robot.legs for part in limbs(robot, leg)):
-        along = part.centres[-1] - part.centres[0]
-        if part.kind == "limb":
-            yield {"link": part.link, "kind": "limb", "to": short(part.centres[-1]), "radii": short(part.radii)}
-        elif part.kind == "drive":
-            width = float(np.linalg.norm(along))
-            drum = {"axis": short(along / width), "radius": part.radii[0], "width": width}
-            yield {"link": part.link, "kind": "drive", "joint": part.link - 1, **drum}
-
-
-def _feet(robot: Robot) -> Iterator[dict[str, Any]]:
-    for part in (part for leg in robot.legs for part in limbs(robot, leg) if part.kind == "foot"):
-        for at, radius in zip(part.centres, part.radii.tolist(), strict=True):
-            yield {"link": part.link, "kind": "foot", "at": short(at), "radius": radius}
 
 
 def short(values: Any) -> list[float]:
@@ -317,12 +269,18 @@ _COLUMNS = ("trunk", "joints", "box", "feet", "force", "down", "limited", "com",
 
 def scene(result: DemoResult) -> dict[str, Any]:
     """Plain values for `walk_view.js`: metres, seconds, quaternions xyzw; links are numbered as in the robot's tree."""
-    settings, robot = result.settings, load_robot(result.settings.robot)
+    settings, robot = result.settings, load_robot(result.without.outcome.case.robot)
+    tree = robot.tree
+    turns = Rotation.from_matrix(tree.rotations).as_quat()
+    joints = [
+        {"parent": parent, "at": short(at), "turn": short(turn), "axis": short(axis)}
+        for parent, at, turn, axis in zip(tree.parents, tree.translations, turns, tree.axes, strict=True)
+    ]
     return {
         "load": settings.load_at,
         "box": list(settings.size),
         "weight": robot.mass * GRAVITY,
-        "robot": {"joints": list(_joints(robot)), **robot_parts(robot)},
+        "robot": {"joints": joints, **robot_parts(robot)},
         "runs": [_run(run, name, result) for name, run in zip(NAMES, result.runs, strict=True)],
     }
 
@@ -397,15 +355,3 @@ def _tips(run: DemoRun) -> float | None:
     upright = 1.0 - 2.0 * (film.trunk[:, 3] ** 2 + film.trunk[:, 4] ** 2)
     tilted = np.flatnonzero((upright < np.cos(np.deg2rad(10.0))) & (film.time > run.outcome.trace.loaded_at))
     return float(film.time[tilted[0]]) if len(tilted) else None
-
-
-def _joints(robot: Robot) -> Iterator[dict[str, Any]]:
-    tree = robot.tree
-    turns = Rotation.from_matrix(tree.rotations).as_quat()
-    for k, parent in enumerate(tree.parents):
-        yield {
-            "parent": parent,
-            "at": short(tree.translations[k]),
-            "turn": short(turns[k]),
-            "axis": short(tree.axes[k]),
-        }

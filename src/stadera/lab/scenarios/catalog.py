@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from types import MappingProxyType
-from typing import Literal
+from typing import Literal, TypeVar
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from stadera.lab.control.arms import Arms, ArmTorques
 from stadera.lab.control.crawl import Crawl
 from stadera.lab.control.played import Played
 from stadera.lab.control.reference import Shake, TrunkPose
-from stadera.lab.control.stand import Controller, TestBed
+from stadera.lab.control.stand import Controller, Gait, TestBed
 from stadera.lab.control.stepping import Stepping
 from stadera.lab.control.steps import CrawlCommand
 from stadera.lab.control.trot import Trot
@@ -28,7 +28,7 @@ from stadera.lab.reality.draw import REAL_SETS, RealSizes
 from stadera.logs.recording import Recording
 from stadera.robot.model import Robot
 from stadera.robot.shapes import FLAT
-from stadera.trunk.model import TrunkBounds, TrunkModel
+from stadera.trunk.model import TrunkBounds
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,9 @@ class Load:
             link, rotation, origin = on_link(robot, self.on)
             x, y, z = (rotation @ np.asarray(self.at or (0.0, 0.0, 0.0)) + origin).tolist()
             return RigidMass.box(self.amount, size, (x, y, z), link if link != robot.trunk else None)
-        at = self.at or _behind(robot)
+        bounds = TrunkBounds.of(robot)
+        middle, half = 0.5 * (bounds.low + bounds.high), 0.5 * (bounds.high - bounds.low)
+        at = self.at or (float(middle[0] - 0.5 * half[0]), float(middle[1] + 0.5 * half[1]), float(middle[2]))
         return VirtualForce(self.amount, at) if self.unit == "N" else RigidMass.box(self.amount, size, at)
 
 
@@ -123,12 +125,6 @@ def _require(least: float, **values: float | None) -> None:
             raise StaderaError(f"a run's {name} must be {wanted}, got {value}")
 
 
-def _behind(robot: Robot) -> tuple[float, float, float]:
-    bounds = TrunkBounds.of(robot)
-    middle, half = 0.5 * (bounds.low + bounds.high), 0.5 * (bounds.high - bounds.low)
-    return float(middle[0] - 0.5 * half[0]), float(middle[1] + 0.5 * half[1]), float(middle[2])
-
-
 SWING = "swing"
 """The scenario with legs in the air and without a controller: see `stadera.lab.scenarios.run`."""
 
@@ -170,17 +166,6 @@ class ScriptEvent:
 Script = Callable[[Robot, SimulateSettings, float], Sequence[ScriptEvent]]
 """Events of a run besides its load, from a robot, settings and a duration [s]."""
 
-ControllerOf = Callable[[Robot, TrunkModel], Controller]
-"""Controller for a robot model and an initial trunk model."""
-
-
-def _standing(robot: Robot, trunk: TrunkModel) -> Controller:
-    return TrunkController(robot, trunk=trunk)
-
-
-def _crawling(robot: Robot, trunk: TrunkModel) -> Controller:
-    return Crawl(TrunkController(robot, trunk=trunk))
-
 
 @dataclass(frozen=True)
 class Scenario:
@@ -192,7 +177,8 @@ class Scenario:
     # of the load [s], from the duration [s]
     load_time: Callable[[SimulateSettings, float], float] = lambda _, duration: DEFAULTS.load_after * duration
     slope: float = 0.0  # default slope [rad]
-    controller: ControllerOf = _standing  # of stance and gait of a quadruped
+    # a quadruped's controller, from the model of its robot; None to stand, as any robot can
+    gait: Callable[[Robot], Gait] | None = None
     stepping: bool = False  # whether it is of robots on two flat feet only
 
     def script(self, robot: Robot, settings: SimulateSettings, duration: float) -> list[ScriptEvent]:
@@ -227,13 +213,17 @@ def _motion(start: Callable[[TestBed, SimulateSettings], None]) -> Script:
     return lambda robot, settings, duration: [ScriptEvent(DEFAULTS.still, lambda bed: start(bed, settings))]
 
 
-def _trotter(bed: TestBed) -> Trot:
-    assert isinstance(bed.controller, Trot)
+Kind = TypeVar("Kind")
+
+
+def _of(kind: type[Kind], bed: TestBed) -> Kind:
+    """The test-bed's controller, of this kind."""
+    assert isinstance(bed.controller, kind)
     return bed.controller
 
 
 def _trot(bed: TestBed, settings: SimulateSettings) -> None:
-    _trotter(bed).walk((DEFAULTS.trot if settings.speed is None else settings.speed, 0.0), settings.turn)
+    _of(Trot, bed).walk((DEFAULTS.trot if settings.speed is None else settings.speed, 0.0), settings.turn)
 
 
 def _errands(robot: Robot, settings: SimulateSettings, duration: float) -> Sequence[ScriptEvent]:
@@ -242,12 +232,12 @@ def _errands(robot: Robot, settings: SimulateSettings, duration: float) -> Seque
     events: list[ScriptEvent] = []
 
     def walk(bed: TestBed, ahead: float, turn: float) -> None:
-        trot = _trotter(bed)
+        trot = _of(Trot, bed)
         speed = ahead * DEFAULTS.fastest * GRAVITY * trot.settings.pendulum
         trot.walk((speed, 0.0), turn * DEFAULTS.fastest_turn)
 
     def sway(bed: TestBed) -> None:
-        if not _trotter(bed).stepping:
+        if not _of(Trot, bed).stepping:
             _shake(bed, settings)
 
     while time < duration:
@@ -256,7 +246,7 @@ def _errands(robot: Robot, settings: SimulateSettings, duration: float) -> Seque
             events.append(ScriptEvent(time, partial(walk, ahead=rng.uniform(0.0, 1.0), turn=turn)))
             time += rng.uniform(2.0, 5.0)
         events += [
-            ScriptEvent(time, lambda bed: _trotter(bed).stop()),
+            ScriptEvent(time, lambda bed: _of(Trot, bed).stop()),
             *([ScriptEvent(time + 2.0, sway)] * bool(rng.uniform() < 0.3)),
         ]
         time += rng.uniform(2.0, 5.0)
@@ -282,20 +272,15 @@ def _squats(robot: Robot, settings: SimulateSettings, duration: float) -> Sequen
 
 
 def _crawl(bed: TestBed, settings: SimulateSettings) -> None:
-    crawl = bed.controller
-    assert isinstance(crawl, Crawl)
+    crawl = _of(Crawl, bed)
     over = 2.0 * settings.stones + DEFAULTS.over_stones if settings.stones else 0.0
     crawl.settings = replace(crawl.settings, clearance=max(crawl.settings.clearance, over))
-    crawl.command = CrawlCommand(DEFAULTS.crawl if settings.speed is None else settings.speed, settings.turn)
+    crawl.steps.command = CrawlCommand(DEFAULTS.crawl if settings.speed is None else settings.speed, settings.turn)
     crawl.resume()
 
 
 def _steps(robot: Robot, settings: SimulateSettings, duration: float) -> Sequence[ScriptEvent]:
-    def walk(bed: TestBed) -> None:
-        assert isinstance(bed.controller, Stepping)
-        bed.controller.walk(settings.speed or 0.0)
-
-    return [ScriptEvent(WholeBody.centred, walk)]
+    return [ScriptEvent(WholeBody.centred, lambda bed: _of(Stepping, bed).walk(settings.speed or 0.0))]
 
 
 def _again(settings: SimulateSettings) -> float:
@@ -307,13 +292,9 @@ def _again(settings: SimulateSettings) -> float:
 
 def _played(robot: Robot, settings: SimulateSettings, duration: float) -> Sequence[ScriptEvent]:
     """The motion twice."""
-
-    def play(bed: TestBed) -> None:
-        assert isinstance(bed.controller, Played)
-        assert settings.motion is not None
-        bed.controller.play(settings.motion)
-
-    return [ScriptEvent(time, play) for time in (DEFAULTS.between, _again(settings))]
+    again, table = _again(settings), settings.motion
+    assert table is not None
+    return [ScriptEvent(time, lambda bed: _of(Played, bed).play(table)) for time in (DEFAULTS.between, again)]
 
 
 SCENARIOS: Mapping[str, Scenario] = MappingProxyType(
@@ -321,11 +302,11 @@ SCENARIOS: Mapping[str, Scenario] = MappingProxyType(
         "stand": Scenario(8.0, load_time=lambda *_: 0.0),
         "stand-load": Scenario(12.0, own=True),
         "poses": Scenario(33.0, _poses, load_time=lambda *_: 0.0),
-        "trot": Scenario(8.0, _motion(_trot), controller=Trot.of),
-        "trot-load": Scenario(8.0, _motion(_trot), own=True, controller=Trot.of),
-        "errands": Scenario(20.0, _errands, controller=Trot.of),
-        "crawl": Scenario(12.0, _motion(_crawl), controller=_crawling),
-        "crawl-load": Scenario(12.0, _motion(_crawl), own=True, controller=_crawling),
+        "trot": Scenario(8.0, _motion(_trot), gait=Trot.of),
+        "trot-load": Scenario(8.0, _motion(_trot), own=True, gait=Trot.of),
+        "errands": Scenario(20.0, _errands, gait=Trot.of),
+        "crawl": Scenario(12.0, _motion(_crawl), gait=lambda robot: Crawl(TrunkController(robot))),
+        "crawl-load": Scenario(12.0, _motion(_crawl), own=True, gait=lambda robot: Crawl(TrunkController(robot))),
         "shake": Scenario(8.0, _motion(_shake)),
         "shake-load": Scenario(8.0, _motion(_shake), own=True),
         "squat": Scenario(8.0, _squats),
@@ -335,7 +316,7 @@ SCENARIOS: Mapping[str, Scenario] = MappingProxyType(
             13.0,
             _played,
             load_time=lambda settings, _: _again(settings) - 0.5 * DEFAULTS.between,
-            controller=lambda robot, trunk: Played(TrunkController(robot, trunk=trunk)),
+            gait=lambda robot: Played(TrunkController(robot)),
         ),
         "ramp": Scenario(8.0, load_time=lambda *_: 0.0, slope=float(np.deg2rad(10.0))),
     }
@@ -348,17 +329,14 @@ def controlled(scenario: Scenario, robot: Robot, whole: Robot, arms: Arms) -> tu
     StaderaError: the scenario has a gait of quadrupeds and the robot is none, or the other way round.
     """
     if robot.quadruped and not scenario.stepping:
-        return scenario.controller(robot, TrunkModel.prior(robot)), ArmTorques(whole, arms) if robot.extra else None
-    if robot.quadruped or scenario.controller is not _standing:
-        can = ", ".join(name for name, one in SCENARIOS.items() if _able(one, robot))
+        made = TrunkController(robot) if scenario.gait is None else scenario.gait(robot)
+        return made, ArmTorques(whole, arms) if robot.extra else None
+    if robot.quadruped or scenario.gait is not None:
+        on_two = [leg.contact for leg in robot.legs] == [FLAT, FLAT]
+        able = {n: on_two if one.stepping else robot.quadruped or one.gait is None for n, one in SCENARIOS.items()}
+        can = ", ".join(name for name in SCENARIOS if able[name])
         raise StaderaError(f"robot {robot.name} is {'a' if robot.quadruped else 'no'} quadruped: it can {can}")
     return (Stepping if scenario.stepping else WholeBody)(whole, arms), None
-
-
-def _able(scenario: Scenario, robot: Robot) -> bool:
-    if scenario.stepping:
-        return [leg.contact for leg in robot.legs] == [FLAT, FLAT]
-    return robot.quadruped or scenario.controller is _standing
 
 
 def scenario_named(name: str) -> Scenario:

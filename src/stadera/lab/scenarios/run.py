@@ -28,6 +28,7 @@ from stadera.lab.plant.model import DryFriction
 from stadera.lab.plant.payload import RigidMass
 from stadera.lab.plant.plant import Plant
 from stadera.lab.plant.sensors import (
+    SensorErrors,
     SensorReading,
     Sensors,
     estimator_model,
@@ -74,9 +75,10 @@ class Run:
 
 
 class _KeptSensors(Sensors):
-    """Sensors that store samples at intervals, with the state at which they were read."""
+    """Sensors that store every n-th sample, with the state at which it was read."""
 
-    def keep(self, every: int) -> None:
+    def __init__(self, errors: SensorErrors, seed: int, robot: Robot, every: int) -> None:
+        super().__init__(errors, seed, robot)
         self._every, self._reads = every, 0
         self.samples: list[SensorReading] = []
         self.states: list[TrueState] = []
@@ -102,15 +104,13 @@ def simulate(
     duration = settings.duration or scenario.duration
     whole = whole_robot(robot)
     made = _drawn(whole, scenario, settings) if settings.real_sizes else _sized(whole, scenario, settings)
-    known = made.controlled or made.model
+    known, draw = made.controlled or made.model, made.draw
     controller, arms = controlled(scenario, as_loaded(known, robot), known, Arms(known, settings.arms))
-    friction = made.draw.varying.friction if made.draw and made.draw.varying else None
-    plant = Plant(made.real, made.terrain, PERIOD, friction)
+    plant = Plant(made.real, made.terrain, PERIOD, draw.friction if draw else None)
     plant.reset(standing_configuration(whole))
     if settings.outside is not None:
         plant.pull(settings.outside)
-    sensors = _KeptSensors(settings.sensor_errors, settings.seed, whole)
-    sensors.keep(1 if made.draw else settings.every)
+    sensors = _KeptSensors(settings.sensor_errors, settings.seed, whole, 1 if draw else settings.every)
     bed = TestBed(plant, sensors, controller, hold=settings.hold, arms=arms)
     script = scenario.script(robot, made.settings, duration)
     # of the trunk that is weighed, which contains the arms at their reference
@@ -125,10 +125,16 @@ def simulate(
         slope=made.terrain.slope,
         stiffness=tuple(float(k) for k in bed.trunk_controller.gains.angular_stiffness),
         moments=moments,
-        drawn=made.draw.to_dict() if made.draw else None,
+        drawn=draw.to_dict() if draw else None,
         fell=None if falls.fall is None else (falls.fall.time, falls.fall.how),
     )
-    log, states = _logged(sensors, whole, made, settings, f"simulated {robot.name}, {name}")
+    states, source = sensors.states, f"simulated {robot.name}, {name}"
+    if draw is None:
+        log = recording_of(sensors.samples, whole, source)
+    else:
+        rate = settings.rate or draw.rate
+        log = measured_log(TrueMotion.of(states, whole), whole, draw, settings.seed, rate, source)
+        states = states[:: round(1.0 / (rate * PERIOD))]
     return Run(log, truth, truth_of(states, whole), as_loaded(made.model, robot))
 
 
@@ -137,17 +143,6 @@ def _now(plant: Plant, arm: InertialParameters, bare: InertialParameters) -> Tru
     now = TruthAt.of(plant.time, plant.truth() + arm, bare)
     held = [load for load in plant.payloads if isinstance(load, RigidMass) and load.link is not None]
     return now.holding(held[-1].parameters, str(held[-1].link)) if held else now
-
-
-def _logged(
-    sensors: _KeptSensors, robot: Robot, made: _Made, settings: SimulateSettings, source: str
-) -> tuple[Recording, list[TrueState]]:
-    """The log of what the sensors read, and the plant's states at its samples."""
-    if made.draw is None:
-        return recording_of(sensors.samples, robot, source), sensors.states
-    rate = settings.rate or made.draw.rate
-    log = measured_log(TrueMotion.of(sensors.states, robot), robot, made.draw, settings.seed, rate, source)
-    return log, sensors.states[:: round(1.0 / (rate * PERIOD))]
 
 
 def stored(folder: Path | None, name: str, run: Callable[[], Run]) -> tuple[Recording, Truth]:
@@ -243,8 +238,7 @@ def swing(
     settings = settings or SimulateSettings()
     draw = drawn(robot, settings.real_sizes, settings.seed) if settings.real_sizes else None
     real = draw.robot if draw else plant_model(robot, settings.sensor_errors)
-    friction = draw.varying.friction if draw and draw.varying else None
-    swings = _swings(robot, real, leg, settings, progress or (lambda *_: None), friction)
+    swings = _swings(robot, real, leg, settings, progress or (lambda *_: None), draw.friction if draw else None)
     every = round(1.0 / (settings.rate or draw.rate) / PERIOD) if draw else settings.every
     exact, trunk = _merged(swings, every), real.inertias[real.trunk]
     truth = Truth(
@@ -252,8 +246,6 @@ def swing(
         scenario=SWING,
         errors=settings.errors,
         seed=settings.seed,
-        slope=0.0,
-        stiffness=(),
         moments=(TruthAt.of(0.0, trunk, trunk),),
         drawn=draw.to_dict() if draw else None,
     )

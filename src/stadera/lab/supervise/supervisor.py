@@ -101,17 +101,13 @@ class Transition:
     after: Mode
     reason: str  # one sentence
 
-    def to_dict(self) -> dict[str, float | str]:
-        """Plain values for JSON."""
-        return {"time": self.time, "from": str(self.before), "to": str(self.after), "reason": self.reason}
-
 
 class Supervisor:
     """What both supervisors share: the walking estimator, and the trunk that controller and planner use.
 
     Attributes:
         trunk: as used by controller and planner. estimator: runs in parallel with the robot.
-        noticed: times of detection of changes of the load [s].
+        noticed: times of detection of changes of the load [s]. transitions: all changes of state, in order.
     """
 
     def __init__(self, robot: Robot, walker: Crawl) -> None:
@@ -119,13 +115,8 @@ class Supervisor:
         self.trunk = TrunkModel.prior(robot)
         self.estimator = TrunkEstimator(robot)
         self.noticed: tuple[float, ...] = ()
-        self._transitions: list[Transition] = []
+        self.transitions: tuple[Transition, ...] = ()
         self._time, self._since = 0.0, 0.0
-
-    @property
-    def transitions(self) -> tuple[Transition, ...]:
-        """All changes of state, in order."""
-        return tuple(self._transitions)
 
     def _new_change(self) -> LoadChange | None:
         changes = self.estimator.changes
@@ -150,7 +141,7 @@ class Supervisor:
             self._enter(Mode.STANDING, reason)
 
     def _enter(self, state: Mode, reason: str) -> None:
-        self._transitions.append(Transition(self._time, self.state, state, reason))
+        self.transitions = (*self.transitions, Transition(self._time, self.state, state, reason))
         self.state, self._since = state, self._time
 
 
@@ -244,11 +235,6 @@ class StoppingSupervisor(Supervisor):
         self._weighing: StandingWeighing | None = None
         self.estimate: TrunkEstimate | None = None
         self.payload: Payload | None = None
-
-    @property
-    def weighing(self) -> bool:
-        """True while a weighing is in progress."""
-        return self._weighing is not None
 
     def update(self, m: Measurement) -> None:
         """Processes one measurement. Times must increase."""

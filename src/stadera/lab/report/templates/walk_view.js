@@ -43,14 +43,14 @@
   const solid = (roughness = 0.55, metalness = 0.15) => new T.MeshStandardMaterial({roughness, metalness});
   const flat = (opacity = 1, over = false) => new T.MeshBasicMaterial({transparent: opacity < 1 || over, opacity, depthTest: !over, depthWrite: opacity === 1 && !over, side: T.DoubleSide});
   const faceted = (roughness, metalness) => Object.assign(solid(roughness, metalness), {flatShading: true, side: T.DoubleSide});
-  const paint = {body: solid(), shell: faceted(0.5, 0.3), leg: faceted(0.65, 0.1), plate: solid(0.7), limb: solid(0.4, 0.3), drive: solid(0.5, 0.2), hot: solid(), foot: solid(0.9, 0), box: solid(0.6), ground: solid(1, 0),
+  const paint = {shell: faceted(0.5, 0.3), leg: faceted(0.65, 0.1), plate: solid(0.7), hot: solid(), foot: solid(0.9, 0), box: solid(0.6), ground: solid(1, 0),
     lines: new T.LineBasicMaterial(), force: flat(), truth: flat(1, true), model: flat(1, true), inside: flat(0.4), outside: flat(0.55), drop: new T.LineBasicMaterial()};
   const scene = new T.Scene(), sky = new T.HemisphereLight(), sun = new T.DirectionalLight();
   const recolour = () => {
     const night = dark.matches;
     scene.background = new T.Color(css("ground"));
     const set = (name, colour) => paint[name].color.set(colour);
-    for (const [name, colour] of Object.entries({body: "shell", shell: "shell", leg: "limb", limb: "limb", drive: "drive", foot: "foot", box: "box"})) set(name, css(colour));
+    for (const [name, colour] of Object.entries({shell: "shell", leg: "limb", foot: "foot", box: "box"})) set(name, css(colour));
     set("plate", night ? "#5b6878" : "#aab4c1"); set("ground", night ? "#1d232b" : "#e9ecf0");
     set("lines", css("line")); set("force", css("steel")); set("truth", css("ink")); set("drop", css("ink")); set("model", css("blue")); set("inside", css("green")); set("outside", css("red"));
     set("hot", "#ff2d20"); paint.hot.emissive.set("#d01408");
@@ -86,14 +86,6 @@
 
   // -- a robot: a group a link, inside its parent's
   const UP = new T.Vector3(0, 1, 0), vector = (v) => new T.Vector3(...v);
-  const limb = (to, [thick, thin], place) => {  // a rounded cone from the origin
-    const way = vector(to), length = way.length(), group = new T.Group();
-    group.quaternion.setFromUnitVectors(UP, way.clone().normalize());
-    place.add(group);
-    mesh(new T.CylinderGeometry(thin, thick, length, 24).translate(0, length / 2, 0), paint.limb, group);
-    mesh(new T.SphereGeometry(thick, 24, 16), paint.limb, group);
-    mesh(new T.SphereGeometry(thin, 24, 16), paint.limb, group).position.y = length;
-  };
   const numbers = (text) => new Uint16Array(Uint8Array.from(atob(text), (c) => c.charCodeAt(0)).buffer);
   const meshes = Object.fromEntries(Object.entries(data.robot.meshes).map(([name, {low, step, corners, faces}]) => {
     const geometry = new T.BufferGeometry();
@@ -113,21 +105,15 @@
     }
     for (const part of data.robot.parts) {
       const link = links[part.link];
-      if (part.kind === "limb") limb(part.to, part.radii, link);
-      else if (part.kind === "mesh") {
+      if (part.kind === "mesh") {
         const shell = mesh(meshes[part.mesh], paint[part.joint === undefined ? "shell" : "leg"], link);
         shell.position.set(...part.at); shell.quaternion.set(...part.turn);
         if (part.joint !== undefined) drives[part.joint] = shell;
       }
       else if (part.kind === "foot") mesh(new T.SphereGeometry(part.radius, 24, 16), paint.foot, link).position.set(...part.at);
-      else if (part.kind === "drive") {
-        const drum = mesh(new T.CylinderGeometry(part.radius, part.radius, part.width, 32), paint.drive, link);
-        drum.quaternion.setFromUnitVectors(UP, vector(part.axis));
-        drives[part.joint] = drum;
-      } else {
-        const least = Math.min(...part.size), body = part.kind === "body";
-        const block = mesh(new T.RoundedBoxGeometry(...part.size, 5, body ? 0.3 * least : 0.4 * least), body ? paint.body : paint.plate, link);
-        block.position.set(...part.at); block.quaternion.set(...part.turn);
+      else {
+        const block = mesh(new T.RoundedBoxGeometry(...part.size, 5, 0.4 * Math.min(...part.size)), paint.plate, link);
+        block.position.set(...part.at);
       }
     }
     return {trunk, turns, drives, cold: drives.map((drive) => drive.material)};
