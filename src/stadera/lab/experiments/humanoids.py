@@ -69,27 +69,18 @@ def weighed(case: CarryCase, logs: Path | None = None) -> dict[str, Any]:
     if truth.fell is not None:
         return {"fell": truth.fell[1]}
     now = truth.moments[-1]
-    known = {
-        "robot_mass": robot.mass,
-        "true_mass": now.payload_mass,
-        "true_com": now.payload_com,
-        "at": hand or robot.trunk,
-    }
+    known: dict[str, Any] = {"fell": None, "robot_mass": robot.mass, "at": hand or robot.trunk}
+    known |= {"true_mass": now.payload_mass, "true_com": now.payload_com}
     try:
         found = weigh(robot, log, (0.0, 0.48 * case.duration))
     except StaderaError as error:
-        return known | {"fell": None, "verdict": "refused", "said": str(error)[:200]}
+        return known | {"verdict": "refused", "said": str(error)[:200]}
     payload = found.payload
     said = "; ".join(found.trust.reasons)[:200]
     if payload is None:
-        return known | {"fell": None, "verdict": "none found", "said": said}
-    values = {
-        "mass": payload.mass,
-        "std": payload.mass_std,
-        "com": payload.com.tolist(),
-        "found_at": payload.at or robot.trunk,
-    }
-    return known | values | {"fell": None, "verdict": found.trust.verdict, "said": said}
+        return known | {"verdict": "none found", "said": said}
+    values = {"mass": payload.mass, "std": payload.mass_std, "com": payload.com.tolist()}
+    return known | values | {"found_at": payload.at or robot.trunk, "verdict": found.trust.verdict, "said": said}
 
 
 def hand_of(robot: Robot) -> str:

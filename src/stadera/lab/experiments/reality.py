@@ -108,15 +108,16 @@ def weigh_real(case: RealityCase, logs: Path | None = None) -> dict[str, Any]:
 
 
 def real_log(case: RealityCase, robot: Robot, logs: Path | None) -> tuple[Recording, Truth]:
-    """The run's log and truth, stored earlier or simulated now."""
-    return stored(logs, _name(case), lambda: simulate(robot, case.scenario, case_settings(case, robot)))
-
-
-def case_settings(case: RealityCase, robot: Robot) -> SimulateSettings:
-    """Settings of the run's simulation."""
-    draw = _draw(case)
-    load = _load(case, robot, draw)
-    return SimulateSettings(case.errors, load, duration=HOW.duration, seed=draw, load_time=HOW.loaded_at, hold=HOW.hold)
+    """The run's log and truth, stored earlier or simulated now; its load is a cube on the tray, away from its edges."""
+    draw, load, tray = _draw(case), None, Tray.of(robot)
+    if case.share:
+        aside = HOW.out * np.random.default_rng(draw).uniform(-1.0, 1.0, 2) * tray.half_size[:2]
+        x, y = (tray.centre[:2] + aside).tolist()
+        load = Load(case.share * robot.mass, "kg", (x, y, tray.top + HOW.half_cube))
+    settings = SimulateSettings(
+        case.errors, load, duration=HOW.duration, seed=draw, load_time=HOW.loaded_at, hold=HOW.hold
+    )
+    return stored(logs, _name(case), lambda: simulate(robot, case.scenario, settings))
 
 
 def _identified(case: RealityCase, robot: Robot, logs: Path | None) -> Robot | None:
@@ -138,16 +139,6 @@ def _name(case: RealityCase) -> str:
 
 def _draw(case: RealityCase) -> int:
     return zlib.crc32(repr(replace(case, errors="")).encode())
-
-
-def _load(case: RealityCase, robot: Robot, draw: int) -> Load | None:
-    """A cube on the tray, at a random position away from its edges."""
-    if not case.share:
-        return None
-    tray = Tray.of(robot)
-    aside = HOW.out * np.random.default_rng(draw).uniform(-1.0, 1.0, 2) * tray.half_size[:2]
-    x, y = (tray.centre[:2] + aside).tolist()
-    return Load(case.share * robot.mass, "kg", (x, y, tray.top + HOW.half_cube))
 
 
 def _weighed(name: str, robot: Robot, samples: Samples, truth: Truth) -> dict[str, Any]:
