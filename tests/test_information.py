@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from stadera.body import Rows, stack
+from body.reference import stack
+from stadera.body import Rows
 from stadera.errors import IdentificationError, UnknownNameError
 from stadera.information import Information, Unknowns
 

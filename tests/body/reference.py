@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 import pinocchio as pin
 
-from stadera.body import JointMotion, TrunkMotion
+from stadera.body import JointMotion, Rows, TrunkMotion
 from stadera.inertia import InertialParameters
 from stadera.lab.pinocchio import pinocchio_model
 from stadera.robot.model import Robot, Tree
@@ -113,3 +114,16 @@ def leg_regressor(tree: Tree, joints: JointMotion, up: np.ndarray) -> np.ndarray
         for q, v, a in zip(joints.position, joints.velocity, joints.acceleration, strict=True)
     ]
     return np.stack(rows).reshape(len(joints), model.nv, -1)
+
+
+def stack(rows: Sequence[Rows], columns: tuple[str, ...]) -> Rows:
+    """Concatenates several sets of rows into one dense set over `columns`; columns that a set lacks are zero in it."""
+    index = {name: k for k, name in enumerate(columns)}
+    matrix = np.zeros((sum(len(r) for r in rows), len(columns)))
+    at = 0
+    for r in rows:
+        matrix[at : at + len(r), [index[c] for c in r.columns]] = r.matrix
+        at += len(r)
+    target = np.concatenate([r.target for r in rows]) if rows else np.zeros(0)
+    std = np.concatenate([np.broadcast_to(r.std, len(r)) for r in rows]) if rows else np.zeros(0)
+    return Rows(columns, matrix, target, std)

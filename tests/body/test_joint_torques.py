@@ -19,6 +19,7 @@ from body.reference import (
     random_tree,
     random_trunk,
     robot_of,
+    stack,
 )
 from stadera.body import (
     Body,
@@ -28,7 +29,6 @@ from stadera.body import (
     Motion,
     TrunkMotion,
     inertial_columns,
-    stack,
 )
 from stadera.errors import IdentificationError, MissingExtraError
 from stadera.lab.pinocchio import pinocchio_model

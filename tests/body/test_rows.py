@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from stadera.body import FRICTION_TERMS, FRICTION_UNITS, FrictionModel, Rows, stack
+from body.reference import stack
+from stadera.body import FRICTION_TERMS, FRICTION_UNITS, FrictionModel, Rows
 from stadera.errors import IdentificationError, UnknownNameError
 
 

@@ -22,8 +22,9 @@ from body.reference import (
     random_tree,
     random_trunk,
     robot_of,
+    stack,
 )
-from stadera.body import FrictionModel, JointMotion, JointTorqueRegressor, Rows, TrunkMotion, stack
+from stadera.body import FrictionModel, JointMotion, JointTorqueRegressor, Rows, TrunkMotion
 from stadera.robot import Robot, load_robot
 
 SAMPLES = 24

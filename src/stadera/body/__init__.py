@@ -1,7 +1,7 @@
 """A legged robot as a floating tree with contacts: one set of rows for any of them."""
 
 from stadera.body.friction import FRICTION_TERMS, FRICTION_UNITS, FrictionModel
-from stadera.body.rows import Rows, discounted, stack
+from stadera.body.rows import Rows, discounted
 from stadera.body.torques import JointMotion, JointTorqueRegressor, TrunkMotion, inertial_columns
 from stadera.body.tree import Body, Motion, State
 
@@ -18,5 +18,4 @@ __all__ = [
     "TrunkMotion",
     "discounted",
     "inertial_columns",
-    "stack",
 ]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -68,16 +67,3 @@ def discounted(rows: Array, errors: Array) -> Array:
         return rows
     value, vector = np.linalg.eigh(errors @ errors.swapaxes(-1, -2))
     return np.asarray((vector / np.sqrt(1.0 + value)[..., None, :]) @ (vector.swapaxes(-1, -2) @ rows))
-
-
-def stack(rows: Sequence[Rows], columns: tuple[str, ...]) -> Rows:
-    """Concatenates several sets of rows into one dense set over `columns`; columns that a set lacks are zero in it."""
-    index = {name: k for k, name in enumerate(columns)}
-    matrix = np.zeros((sum(len(r) for r in rows), len(columns)))
-    at = 0
-    for r in rows:
-        matrix[at : at + len(r), [index[c] for c in r.columns]] = r.matrix
-        at += len(r)
-    target = np.concatenate([r.target for r in rows]) if rows else np.zeros(0)
-    std = np.concatenate([np.broadcast_to(r.std, len(r)) for r in rows]) if rows else np.zeros(0)
-    return Rows(columns, matrix, target, std)
