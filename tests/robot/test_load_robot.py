@@ -223,6 +223,28 @@ def test_the_owner_names_the_trunk_of_a_file_with_another_root(kind: str, tmp_pa
         load_robot(path, trunk="hull")
 
 
+@pytest.mark.parametrize("below", [True, False], ids=["waist", "shoulders"])
+def test_legs_below_a_waist_are_found(below: bool, tmp_path: Path) -> None:
+    """Of a model that begins with its torso, as Booster's T1; chains that hang above its root are arms."""
+    limb = "".join(
+        f'<body name="{{0}}{k}" pos="0 {{1}} -0.1"><joint name="{{0}}{k}" axis="{axis}"/><geom size="0.05"/>'
+        for k, axis in enumerate(("0 1 0", "1 0 0", "0 0 1", "0 1 0", "0 1 0", "1 0 0"))
+    )
+    limbs = "".join(limb.format(side, y) + "</body>" * 6 for side, y in (("left_", 0.1), ("right_", -0.1)))
+    place = -0.2 if below else 0.3
+    text = f"""<mujoco><worldbody><body name="torso"><freejoint/><geom size="0.2"/><body name="hips" pos="0 0 {place}">
+      <joint name="waist" axis="0 0 1"/><geom size="0.1"/>{limbs}</body></body></worldbody></mujoco>"""
+    path = write(tmp_path, text, "humanoid.xml")
+    if not below:
+        assert "trunk 'torso' has 0 legs" in _refused(path)
+        return
+    robot = load_robot(path)
+    assert (robot.trunk, [leg.name for leg in robot.legs]) == ("hips", ["left", "right"])
+    assert robot.extra is not None
+    assert robot.extra.joints == ("waist",)
+    assert "trunk 'hips', from which the legs hang, not 'torso'" in robot.notes
+
+
 # -- MJCF against MuJoCo --------------------------------------------------------------------------------------------
 @pytest.fixture(scope="module")
 def toy_mjcf(tmp_path_factory: pytest.TempPathFactory) -> Robot:

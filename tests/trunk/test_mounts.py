@@ -64,3 +64,12 @@ def test_estimates_do_not_depend_on_the_mount(name: str, seed: int) -> None:
     np.testing.assert_array_equal(here.observed, seen)
     tolerance = np.array([5e-3 * shaken()[0].mass, 2e-3, 2e-3, 2e-3])  # weights differ a little with the lever
     assert (np.abs(here.value - there.value) < tolerance)[seen].all()
+
+
+def test_an_imu_above_the_waist_turns_with_it() -> None:
+    """H1's is on its torso: with the waist held at half a radian its axes are turned by that."""
+    robot = load_robot("h1")
+    straight, turned = ImuMount.of(robot), ImuMount.of(robot.posed({"torso_joint": 0.5}))
+    turn = Rotation.from_rotvec([0.0, 0.0, 0.5]).as_matrix()
+    np.testing.assert_allclose(turned.rotation, turn @ straight.rotation, atol=1e-12)
+    np.testing.assert_allclose(turned.translation[2], straight.translation[2], atol=1e-12)

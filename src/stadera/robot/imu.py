@@ -17,7 +17,9 @@ from stadera.types import Array
 
 @dataclass(frozen=True, eq=False)
 class ImuMount:
-    """Pose of the named IMU frame in the trunk frame: r_trunk = rotation (3, 3) @ r_imu + translation (3,) [m]."""
+    """Pose of the named IMU frame in the trunk frame: r_trunk = rotation (3, 3) @ r_imu + translation (3,) [m]. One on
+    a link outside the legs is that with their joints at the reference, where those that carry it have to stay.
+    """
 
     rotation: Array
     translation: Array
@@ -25,14 +27,19 @@ class ImuMount:
 
     @classmethod
     def of(cls, robot: Robot, frame: str | None = None) -> Self:
-        """Mount of the named frame; for None, of the trunk's only frame with "imu" in its name, else of the trunk
-        frame. UnknownNameError if there is no such frame, ModelError if it is fixed to a leg.
+        """Mount of the named frame; for None, of the only frame with "imu" in its name that no leg moves, else of the
+        trunk frame. UnknownNameError if there is no such frame, ModelError if it is fixed to a leg.
         """
+        extra = robot.extra
         if frame is None:
             found = [name for name, f in robot.frames.items() if "imu" in name.lower() and f.link == robot.trunk]
             frame = found[0] if len(found) == 1 else robot.trunk
         if frame == robot.trunk:
             return cls(np.eye(3), np.zeros(3), frame)
+        if extra is not None and frame in extra.frames:
+            pose = extra.frames[frame]
+            R, p = extra.poses(extra.reference)[extra.links.index(pose.link)]
+            return cls(R @ pose.rotation, p + R @ pose.translation, frame)
         if frame not in robot.frames:
             raise UnknownNameError("IMU frame", frame, (robot.trunk, *robot.frames), robot.name)
         pose = robot.frames[frame]

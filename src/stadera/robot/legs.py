@@ -58,6 +58,20 @@ def find_legs(file: ModelFile, feet: Sequence[str] = ()) -> tuple[tuple[Chain, .
     return _named(file, found, [None] * len(found))
 
 
+def below_a_waist(file: ModelFile) -> str | None:
+    """The link from which both legs of a humanoid hang whose file begins with its torso: the only one below the root
+    in height too, with two chains of five revolute joints or more that reach down from it. None if there is none.
+    """
+    poses, masses = file.carried(()), {k: body.mass for k, body in file.lumped(file.carried(file.joints)).items()}
+    found = []
+    for link in (link for link in file.joints if poses[link][2][2] < 0.0):
+        chains = [_longest_chain(file, masses, k) for k in file.joints if file.above(k) == link]
+        legs = [chain for chain in chains if len(chain) >= FLAT - 1 and _turns(file, chain)]
+        if len(legs) == 2 and all(poses[leg[-1]][2][2] < poses[link][2][2] for leg in legs):
+            found.append(file.links[link].name)
+    return found[0] if len(found) == 1 else None
+
+
 def _to_feet(file: ModelFile, feet: Sequence[str]) -> tuple[tuple[Chain, ...], tuple[str, ...]]:
     places = {link.name: k for k, link in enumerate(file.links)} | {name: site[0] for name, site in file.sites.items()}
     require_known("foot", feet, places, file.name)

@@ -15,7 +15,7 @@ from stadera.joint_words import words
 from stadera.limits import DEFAULTS, Limits
 from stadera.robot.catalog import CATALOG, resolve
 from stadera.robot.extra import ExtraJoints
-from stadera.robot.legs import Chain, find_legs
+from stadera.robot.legs import Chain, below_a_waist, find_legs
 from stadera.robot.model import Frame, JointLimits, Leg, Robot, Shape, Tree
 from stadera.robot.modelfile import ModelFile, rooted_at
 from stadera.robot.shapes import FLAT, find_foot, find_sole, fitted_shapes
@@ -59,7 +59,7 @@ def load_robot(
     file = read_model_file(path, limits)
     with foreign(path, "not understood as a robot", ModelError):
         robot = _understand(file if trunk is None else rooted_at(file, trunk), feet)
-    return replace(robot, name=name or robot.name, feet=tuple(feet), root=trunk)
+    return replace(robot, name=name or robot.name, feet=tuple(feet), root=trunk or robot.root)
 
 
 def read_model_file(path: Path, limits: Limits = DEFAULTS) -> ModelFile:
@@ -94,7 +94,15 @@ def parse_xml(path: Path, limits: Limits = DEFAULTS) -> Document:
 
 
 def _understand(file: ModelFile, feet: Sequence[str]) -> Robot:
-    chains, notes = find_legs(file, feet)
+    try:
+        chains, notes = find_legs(file, feet)
+    except ModelError:
+        pelvis = None if feet else below_a_waist(file)
+        if pelvis is None:
+            raise
+        robot = _understand(rooted_at(file, pelvis), feet)
+        note = f"trunk {pelvis!r}, from which the legs hang, not {file.trunk!r}"
+        return replace(robot, root=pelvis, notes=(note, *robot.notes))
     order = [k for chain in chains for k in chain.links]
     file.require_open(order)
     locked = [file.joint(k).name for k in file.joints if k not in order]
