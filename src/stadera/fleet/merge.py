@@ -84,8 +84,8 @@ def merge_legs(
         _Fit.of(robot, task, [log[task.leg.name] for log in logs.values() if task.leg.name in log]) for task in tasks
     ]
     priors = [robot_prior(robot, fit.total.names, settings.width) for fit in fits]
-    told = [with_scale(fit.widened(), settings.width.gain) for fit in fits]
-    asked = [(task.leg, known, prior) for task, known, prior in zip(tasks, told, priors, strict=True)]
+    informations = [with_scale(fit.widened(), settings.width.gain) for fit in fits]
+    asked = [(task.leg, known, prior) for task, known, prior in zip(tasks, informations, priors, strict=True)]
     estimates = solve_legs(asked, settings.method, settings.spread, settings.solver, lambda *_: None)
     legs = tuple(
         LegIdentification(

@@ -65,7 +65,7 @@ class KnownLegs:
         after = np.linalg.inv(known.T @ known + np.linalg.inv(prior))
         covariance[within] = after * np.outer(std[places], std[places])
         mean[places] = std[places] * (after @ (known.T @ memory.known.z[:n]))
-        return cls("the robot's memory", _Columns.of(robot).told(mean, covariance, errors.covariance))
+        return cls("the robot's memory", _Columns.of(robot).of_legs(mean, covariance, errors.covariance))
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,21 +134,21 @@ class _Columns:
                 model[own] = [getattr(robot.dynamics[owner], term) for term in TERMS]
         return cls(robot, columns, at, slope, model)
 
-    def told(self, mean: Array, covariance: Array, start: Array) -> dict[str, Information]:
-        """What is told of each leg by N(`mean`, `covariance`) of all errors, which were N(0, `start`).
+    def of_legs(self, mean: Array, covariance: Array, start: Array) -> dict[str, Information]:
+        """Information on each leg from N(`mean`, `covariance`) of all errors, which were N(0, `start`).
 
         The prior has drives of one kind alike. That is divided out of all legs together; then each leg's part is what
-        is told of it with the other legs at the prior that they have each by itself, which is divided out in turn.
+        is known of it with the other legs at the prior that they have each by itself, which is divided out in turn.
         """
         among = np.ix_(self.at, self.at)
-        told = Information.of_posterior(self.columns, mean[self.at], covariance[among], start[among])
+        every = Information.of_posterior(self.columns, mean[self.at], covariance[among], start[among])
         sizes = [len(_columns(leg)) for leg in self.robot.legs]
         owns = [slice(stop - size, stop) for stop, size in zip(np.cumsum(sizes), sizes, strict=True)]
         apart = np.zeros_like(self.slope)
         for own in owns:
             apart[own, own] = start[among][own, own]
-        after = np.linalg.inv(told.R.T @ told.R + np.linalg.inv(apart))
-        middle, out = after @ (told.R.T @ told.z), {}
+        after = np.linalg.inv(every.R.T @ every.R + np.linalg.inv(apart))
+        middle, out = after @ (every.R.T @ every.z), {}
         for leg, own in zip(self.robot.legs, owns, strict=True):
             alone = Information.of_posterior(self.columns[own], middle[own], after[own, own], apart[own, own])
             matrix = np.asarray(np.linalg.solve(self.slope[own, own].T, alone.R.T).T, dtype=float)
@@ -163,7 +163,7 @@ def learnt(estimator: TrunkEstimator) -> dict[str, Information]:
     covariance = errors.covariance.copy()
     wider = estimator.drives.std[:, 0] ** 2 - np.diag(covariance)[rotor]
     covariance[rotor, rotor] += np.diag(np.maximum(wider, 0.0))
-    return _Columns.of(estimator.robot).told(errors.mean, covariance, errors.start)
+    return _Columns.of(estimator.robot).of_legs(errors.mean, covariance, errors.start)
 
 
 def remembered(
@@ -175,12 +175,12 @@ def remembered(
         days: time of the logs, days since 1970; NaN if unknown.
         legs: prior and information of each leg, in units of its noise.
     """
-    errors, every, told = (
+    errors, every, total = (
         ErrorModel(robot, ModelErrors(), robot.leg_length),
         _Columns.of(robot),
         Memory.none(robot).known,
     )
-    names = dict(zip(errors.layout.at(*OF_ROBOT).tolist(), told.names, strict=True))
+    names = dict(zip(errors.layout.at(*OF_ROBOT).tolist(), total.names, strict=True))
     for prior, known in legs:
         kept = [k for k, name in enumerate(every.columns) if name in prior.columns]
         own = [prior.columns.index(every.columns[k]) for k in kept]
@@ -190,6 +190,6 @@ def remembered(
         alone = Information.of_posterior(map(str, own), mean[own], after[np.ix_(own, own)], P[np.ix_(own, own)])
         of_errors = alone.R @ every.slope[np.ix_(kept, kept)] * np.sqrt(errors.variance[every.at[kept]])
         columns = tuple(names[place] for place in every.at[kept].tolist())
-        told = told.merge(Information.of([Rows(columns, of_errors, alone.z)], columns))
-    checksum = crc32(np.round(told.z, 6).tobytes())
-    return memory.after(lambda: memory.with_log(told, days, MemorySettings(), checksum))
+        total = total.merge(Information.of([Rows(columns, of_errors, alone.z)], columns))
+    checksum = crc32(np.round(total.z, 6).tobytes())
+    return memory.after(lambda: memory.with_log(total, days, MemorySettings(), checksum))

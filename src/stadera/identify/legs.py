@@ -67,7 +67,7 @@ def identify(
         progress: called with the step's name, items done and total (0 if unknown).
         fix: correct units and signs of the logs that are certainly wrong, and add a note.
         force: use logs whose units or signs are wrong; `trust` says so.
-        memory: what earlier logs told of this robot; `Memory.none(robot)` begins one. The result's `memory` has these
+        memory: what earlier logs showed of this robot; `Memory.none(robot)` begins one. The result's `memory` has these
             logs too.
 
     Raises:
@@ -111,8 +111,8 @@ def _from_feet(
         floats.append(floating_log(robot, log, progress, asked.width.mass, kept))
         kept = floats[-1].memory or kept
     known = _recalled(robot, memory) if all(log.memory for log in floats) else None
-    told = [_floating_information(task, floats, Information.empty(task.prior.columns), known) for task in tasks]
-    posed = [(task.leg, found, task.prior) for task, found in zip(tasks, told, strict=True)]
+    informations = [_floating_information(task, floats, Information.empty(task.prior.columns), known) for task in tasks]
+    posed = [(task.leg, found, task.prior) for task, found in zip(tasks, informations, strict=True)]
     agreement = _agreement(tasks, [log.source for log in floats], [], floats)
     solved = solve_legs(posed, asked.method, asked.spread, asked.solver, progress)
     estimates = [_widened(found, agreement) for found in solved]
@@ -120,7 +120,7 @@ def _from_feet(
         LegIdentification(
             task.leg, task.nominal, *found, structural_rank=found[0].observability.rank, information=information
         )
-        for task, found, information in zip(tasks, estimates, told, strict=True)
+        for task, found, information in zip(tasks, estimates, informations, strict=True)
     )
     trust = reduce(_with_trust_of, floats[1:], floats[0].trust)
     for doubt in doubts:
@@ -263,16 +263,19 @@ def _compared_parts(
 
 
 def _agreement(
-    tasks: Sequence[LegTask], names: Sequence[str], told: Sequence[Sequence[Information]], floats: Sequence[FloatingLog]
+    tasks: Sequence[LegTask],
+    names: Sequence[str],
+    informations: Sequence[Sequence[Information]],
+    floats: Sequence[FloatingLog],
 ) -> Agreement | None:
-    """Between parts of legs in the air, with `told` by part and leg, and logs on its feet."""
+    """Between parts of legs in the air, with `informations` by part and leg, and logs on its feet."""
     if len(names) < 2:
         return None
-    single = not floats and len(told) == 2 and not names[0].startswith("log ")
+    single = not floats and len(informations) == 2 and not names[0].startswith("log ")
     legs = []
     for k, task in enumerate(tasks):
         lasting = [c for c in task.prior.columns if not c.endswith(".offset")]
-        own = [part[k] if single else part[k].marginal(lasting) for part in told]
+        own = [part[k] if single else part[k].marginal(lasting) for part in informations]
         legs.append(([*own, *(log.of_leg(task.leg.name, task.fixed, offsets=False) for log in floats)], task.prior))
     return Agreement.of(names, legs)
 
