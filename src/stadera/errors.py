@@ -64,7 +64,7 @@ def require_positive(what: str, values: object, names: Iterable[str], or_zero: C
 
 
 class ModelError(StaderaError):
-    """The robot model cannot be read, or is not a quadruped that this package supports."""
+    """The robot model cannot be read, or is not of a robot that this package supports."""
 
 
 class RecordingError(StaderaError):

@@ -45,9 +45,9 @@ class Measurement:
         angular_velocity: (3,) [rad/s], trunk axes.
         specific_force: (3,) [m/s²], at the IMU, trunk axes; at rest 9.81 upwards.
         rotation: (3, 3), of the trunk in the world, r_world = rotation @ r_trunk; None without an orientation.
-        foot_position: (4, 3) [m], centres of the feet in the trunk frame, if known from other sources than the
+        foot_position: (legs, 3) [m], centres of the feet in the trunk frame, if known from other sources than the
             encoders; None for forward kinematics.
-        stance: (4,) bool, legs that are meant to be in stance; None if unknown.
+        stance: (legs,) bool, those that are meant to be in stance; None if unknown.
         vertical_by_forces: True if there is no IMU. Then `specific_force` is gravity along the vertical estimated from
             the feet's forces (`stadera.trunk.standing.forces`), valid at rest only, and `angular_velocity` is zero.
         lever: (3,) [m], position of the IMU in the trunk frame.
@@ -146,7 +146,7 @@ def extra_states(recording: Recording, robot: Robot) -> Array:
 
 
 def meant_stance(recording: Recording, robot: Robot) -> Bools | None:
-    """Legs that a log marks as in stance, (samples, 4); None unless it does so for all legs."""
+    """Legs that a log marks as in stance, (samples, legs); None unless it does so for all legs."""
     contacts = [recording.foot_contact.get(leg.foot) for leg in robot.legs]
     return None if any(c is None for c in contacts) else np.column_stack([c for c in contacts if c is not None])
 

@@ -119,10 +119,6 @@ class TrunkBounds:
         ranges = [self.mass[1] - self.mass[0], *(np.asarray(self.high) - np.asarray(self.low))]
         return np.asarray(np.array(ranges) / np.sqrt(12.0))
 
-    def contains(self, model: TrunkModel) -> bool:
-        """True if mass and centre of mass are within the bounds."""
-        return self.complaint(model) is None
-
     def complaint(self, model: TrunkModel) -> str | None:
         """One sentence on why the model is implausible; None if it is plausible."""
         if not self.mass[0] <= model.mass <= self.mass[1]:

@@ -33,6 +33,7 @@ from stadera.constants import GRAVITY, SATURATED
 from stadera.errors import require_positive
 from stadera.inertia import skew
 from stadera.robot.model import Robot
+from stadera.robot.shapes import FLAT
 from stadera.trunk.measurement import Measurement, not_finite
 from stadera.trunk.standing.forces import ContactForces
 from stadera.types import Array, Bools
@@ -119,7 +120,7 @@ class StaticDetector:
     def __init__(self, robot: Robot, limits: StaticLimits | None = None) -> None:
         self.limits, self._robot = limits or StaticLimits(), robot
         self._joints = robot.tree.joints
-        self._holds = np.array([1 if leg.contact == 3 else 3 for leg in robot.legs])
+        self._holds = np.array([3 if leg.contact == FLAT else 1 for leg in robot.legs])
         self._pairs = np.triu_indices(len(robot.legs), 1)
         self._feet = tuple(leg.name for leg in robot.legs)
         most = np.array([robot.limits[joint].effort for joint in self._joints])
