@@ -206,33 +206,32 @@ def centre_slope(moments: Array) -> Array:
 def observed_inertia(body: InertialParameters, covariance: Array) -> Array | None:
     """A payload's inertia about its centre of mass, (3, 3) [kg·m²], trunk axes; None if not observed.
 
-    For mass m, first moment m c and inertia I about the trunk's origin, about an axis v through c
-
-        vᵀ J v = vᵀ I v - m (|c|² - (vᵀ c)²)
-
-    Observed means that each principal moment differs significantly from zero, and that the three are physically
+    Observed means that each principal moment vᵀ J v differs significantly from zero, and that the three are physically
     possible.
     """
-    c = body.com
     moments, axes = np.linalg.eigh(body.inertia_com)
     x, y, z = axes
-    along = c @ axes
-    by_mass = c @ c - along**2  # of vᵀ J v by m, by m c and by I
-    by_first = 2.0 * (axes * along - c[:, None])
-    slope = np.array([by_mass, *by_first, x * x, 2.0 * x * y, 2.0 * x * z, y * y, 2.0 * y * z, z * z])
-    std = np.sqrt(np.einsum("ik,ij,jk->k", slope, covariance, slope))
+    slope = np.array([x * x, 2.0 * x * y, 2.0 * x * z, y * y, 2.0 * y * z, z * z]).T @ _inertia_com_slope(body)
+    std = np.sqrt(np.einsum("ki,ij,kj->k", slope, covariance, slope))
     return body.inertia_com if (moments > SIGNIFICANT * std).all() and body.is_physical() else None
 
 
 def inertia_com_std(body: InertialParameters, covariance: Array) -> Array:
     """Standard deviations (6,) [kg·m²] of Ixx, Ixy, Ixz, Iyy, Iyz, Izz about the centre of mass.
 
+    Args:
+        body: its ten parameters. covariance: (10, 10), of these.
+    """
+    slope = _inertia_com_slope(body)
+    return np.asarray(np.sqrt(np.einsum("ri,ij,rj->r", slope, covariance, slope)))
+
+
+def _inertia_com_slope(body: InertialParameters) -> Array:
+    """Derivative (6, 10) of the inertia J about the centre of mass with respect to the ten parameters.
+
     J = I - m (|c|² 1 - c cᵀ) with c = h / m, so that for the components a, b of J
 
         ∂J_ab/∂m = |c|² δ_ab - c_a c_b,   ∂J_ab/∂h_k = δ_ak c_b + δ_bk c_a - 2 c_k δ_ab,   ∂J_ab/∂I_ab = 1
-
-    Args:
-        body: its ten parameters. covariance: (10, 10), of these.
     """
     c, one = body.com, np.eye(3)
     slope = np.zeros((6, 10))
@@ -240,4 +239,4 @@ def inertia_com_std(body: InertialParameters, covariance: Array) -> Array:
         slope[row, 0] = c @ c * one[a, b] - c[a] * c[b]
         slope[row, 1:4] = one[a] * c[b] + one[b] * c[a] - 2.0 * c * one[a, b]
         slope[row, 4 + row] = 1.0
-    return np.asarray(np.sqrt(np.einsum("ri,ij,rj->r", slope, covariance, slope)))
+    return slope
