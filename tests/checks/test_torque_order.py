@@ -295,3 +295,13 @@ def test_an_imu_far_from_the_trunks_origin_is_no_torque_that_is_off(name: str, p
     columns = rows.columns(tuple(range(4)))
     left = columns[:, 0] - rows.matrix @ np.linalg.lstsq(rows.matrix, columns[:, 0])[0]
     assert np.sqrt(np.mean(left**2)) < 2.5  # in rows of 1 % of the weight; 5 with the force at the IMU
+
+
+def test_motion_decides_between_reversed_torques_and_swapped_diagonals() -> None:
+    """An ANYmal's legs are mirror images to both sides: on average its torques, reversed, are those of the opposite."""
+    robot = load_robot("anymal_c")
+    log = recorded(robot, walked(robot, Walk(6.0, 250.0, 0.0, 0.0, tilt=0.05, sway=0.03, seed=1)), STANDARD, 2)
+    assert log.effort is not None
+    (finding,) = diagnose(replace(log, effort=-log.effort), robot)
+    assert finding.message.startswith("the signs of all torques are reversed: ")
+    assert finding.mend is not None

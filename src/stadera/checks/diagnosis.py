@@ -107,8 +107,8 @@ def _named(hypotheses: Sequence[Hypothesis], evidence: str, mount: ImuMount | No
 
 
 def explained(footing: Footing) -> list[tuple[Hypothesis, Consistency]]:
-    """The hypothesis that explains what is impossible on average, at most two others that explain it about as well, and
-    the figures without each fault; none if none does.
+    """The hypothesis that explains what is impossible on average, at most two others that explain it about as well, in
+    motion too, and the figures without each fault; none if none does.
     """
     robot, limits = footing.robot, footing.limits
     footing = replace(footing, blocks=footing.blocks.thinned(limits.trial_instants, limits))
@@ -122,7 +122,11 @@ def explained(footing: Footing) -> list[tuple[Hypothesis, Consistency]]:
     least = min(fit.cost for _, fit in fitting)
     best = next(entry for entry in fitting if entry[1].cost <= least + limits.same)
     near = sorted((entry for entry in fitting if entry is not best), key=lambda entry: entry[1].cost)
-    return [best, *[entry for entry in near if entry[1].cost < least + limits.similar][:2]]
+    near = [best, *[entry for entry in near if entry[1].cost < least + limits.similar][:2]]
+    if len(near) == 1:
+        return near
+    left = [float(np.nan_to_num(footing.after(one.undo).unbalance).mean()) for one, _ in near]
+    return [entry for entry, cost in zip(near, left, strict=True) if cost < min(left) + limits.gain_at_rest]
 
 
 def explained_by_motion(footing: Footing) -> list[tuple[Hypothesis, Gain, Footing]]:
