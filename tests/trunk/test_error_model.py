@@ -368,6 +368,17 @@ def test_identified_joints_are_as_uncertain_as_identified_and_may_drift() -> Non
     np.testing.assert_array_equal(same.variance[: PLACES["gain"].start], usual.variance[: PLACES["gain"].start])
 
 
+def test_friction_that_a_file_states_may_be_a_simulators() -> None:
+    robot, sizes = load_robot("go2"), ModelErrors()
+    leg, usual = robot.legs[0], ErrorModel(robot, ModelErrors(), 0.4)
+    stable = JointDynamics(armature=0.1, viscous=2.0, coulomb=0.01, offset=0.0)
+    model = ErrorModel(robot.with_dynamics(dict.fromkeys(leg.joints, stable), {}), sizes, 0.4)
+    for name, stated in (("rotor", 0.1), ("viscous", 2.0)):
+        np.testing.assert_allclose(np.sqrt(model.variance[PLACES[name]][:3]), sizes.stated * stated)
+        np.testing.assert_array_equal(model.variance[PLACES[name]][3:], usual.variance[PLACES[name]][3:])
+    np.testing.assert_array_equal(model.variance[PLACES["coulomb"]], usual.variance[PLACES["coulomb"]])
+
+
 def test_gears_of_arms_have_more_friction() -> None:
     sizes, robot = ModelErrors(), load_robot("b1_z1")
     model = ErrorModel(robot, sizes, robot.leg_length)

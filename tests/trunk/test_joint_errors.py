@@ -39,7 +39,7 @@ def test_joints_whose_friction_is_known_stick_all_the_same(moved: bool) -> None:
     robot = load_robot("hyq")
     joints = [joint for leg in robot.legs for joint in leg.joints]
     known = robot.with_dynamics({joint: replace(robot.dynamics[joint], coulomb=5.0) for joint in joints})
-    model = ErrorModel(known, ModelErrors(coulomb=1e-3), 0.7)
+    model = ErrorModel(known, ModelErrors(coulomb=1e-3, stated=0.0), 0.7)
     swing = SwingJoints(model, SwingDetection())
     if moved:
         terms = np.tile(np.array([[0.0], [1.0], [1.0], [0.0], [1.0]]), 12)

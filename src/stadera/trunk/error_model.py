@@ -194,6 +194,9 @@ class ErrorModel:
         leg_mass = sum(robot.inertias[link].mass for leg in robot.legs for link in leg.links) / len(robot.legs)
         rotor, limb = sizes.rotor * leg_mass * length**2, limb_limits(robot)
         legs = _of_drives(sizes, self.limit, np.full(len(joints), rotor), sizes.gears if self.layout.flat else 1.0)
+        for name, term in {"rotor": "armature", "viscous": "viscous", "coulomb": "coulomb"}.items():
+            stated = np.abs([getattr(robot.dynamics[joint], term) for joint in joints])
+            legs[name] = np.maximum(legs[name], sizes.stated * stated)
         known = _identified(robot, sizes, self.limit)
         for name, own in known.items():  # NaN for a joint or term that was not identified
             legs[name] = np.fmin(legs[name], np.maximum(own, sizes.surest * legs[name]))

@@ -107,7 +107,8 @@ class Fit:
         Args:
             stepped: see `SwingJoints`.
         """
-        reasons = self._causes(errors, settings.explained) if self.misfit > settings.doubtful else ()
+        bad = self.misfit > settings.doubtful
+        reasons: tuple[str, ...] = (self._cause(errors, settings.explained),) if bad else ()
         if swing_misfit > settings.bad:
             reasons += (f"joints of legs in the air are {swing_misfit:.0f} times as far from the model as expected",)
         names = [joint for leg in robot.legs for joint in leg.joints]
@@ -139,17 +140,16 @@ class Fit:
         means = [part.mean() for part in np.split(by_joint, np.cumsum(self.layout.legs)[:-1])]
         return {leg.name: float(mean) for leg, mean in zip(robot.legs, means, strict=True)}
 
-    def _causes(self, errors: ErrorModel, most: float) -> tuple[str, ...]:
-        """The three errors that explain most of the residual, each alone and up to `most` times its prior size."""
+    def _cause(self, errors: ErrorModel, most: float) -> str:
+        """How bad the fit is, and the three errors that explain most of the residual, each alone and up to `most` times
+        its prior size.
+        """
         sized = {name: self.layout.places[name] for name in _CAUSES}
         shares = {name: self._explained(errors, at, most) for name, at in sized.items() if at.stop > at.start}
-        best = sorted(shares, key=lambda name: -shares[name])[:3]
-        return tuple(
-            f"the residual is {self.misfit:.1f} times what noise and usual errors of models explain; "
-            f"{_CAUSES[name]} would explain {100.0 * shares[name]:.0f} % of it"
-            for name in best
-            if shares[name] > 0.05
-        ) or (f"the residual is {self.misfit:.1f} times what noise and usual errors of models explain",)
+        best = sorted((name for name in shares if shares[name] > 0.05), key=lambda name: -shares[name])[:3]
+        named = [f"{_CAUSES[name]} would explain {100.0 * shares[name]:.0f} % of it" for name in best]
+        size = f"the residual is {self.misfit:.1f} times what noise and usual errors of models explain"
+        return f"{size}; {', '.join(named)}" if named else size
 
     def _explained(self, errors: ErrorModel, place: slice, most: float) -> float:
         inside = slice(place.start + 1, place.stop + 1)
