@@ -41,7 +41,7 @@ COMMANDS = {
     "reality_table": "stadera reproduce reality --seed 971 --seeds 1 --json reality.json\n"
     "    python docs/experiment_tables.py reality.json",
     "mini_cheetah": "stadera reproduce mini_cheetah FOLDER --json docs/results/mini_cheetah.json",
-    "humanoids": "stadera reproduce humanoids --quick --seed 1 --json docs/results/humanoids.json",
+    "humanoids": "stadera reproduce humanoids --quick --seeds 3 --seed 30 --json docs/results/humanoids.json",
     "identified": "stadera reproduce identified --quick --json docs/results/identified.json",
     "faults": "stadera reproduce faults --robots a1,anymal_b,anymal_c,b1,go2,hyq --seeds 1 --json "
     "docs/results/faults.json",
