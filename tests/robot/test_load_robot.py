@@ -16,6 +16,7 @@ from stadera.errors import MissingExtraError, ModelError, UnknownNameError
 from stadera.inertia import InertialParameters
 from stadera.robot import LEG_NAMES, Robot, catalog, load_robot
 from stadera.robot.catalog import _example_robot_data
+from stadera.robot.export import check_export
 from stadera.robot.kinematics import foot_positions, forward_kinematics
 from stadera.robot.sole import sole
 
@@ -243,6 +244,10 @@ def test_legs_below_a_waist_are_found(below: bool, tmp_path: Path) -> None:
     assert robot.extra is not None
     assert robot.extra.joints == ("waist",)
     assert "trunk 'hips', from which the legs hang, not 'torso'" in robot.notes
+    asked = load_robot(path, trunk="torso")
+    assert asked.trunk == asked.root == robot.root == "hips"
+    with pytest.raises(ModelError, match="trunk 'hips' is not the root 'torso'"):
+        check_export(asked, tmp_path / "written.xml")
 
 
 # -- MJCF against MuJoCo --------------------------------------------------------------------------------------------

@@ -59,7 +59,7 @@ def load_robot(
     file = read_model_file(path, limits)
     with foreign(path, "not understood as a robot", ModelError):
         robot = _understand(file if trunk is None else rooted_at(file, trunk), feet)
-    return replace(robot, name=name or robot.name, feet=tuple(feet), root=trunk or robot.root)
+    return replace(robot, name=name or robot.name, feet=tuple(feet), root=robot.root or trunk)
 
 
 def read_model_file(path: Path, limits: Limits = DEFAULTS) -> ModelFile:
@@ -102,7 +102,7 @@ def _understand(file: ModelFile, feet: Sequence[str]) -> Robot:
             raise
         robot = _understand(rooted_at(file, pelvis), feet)
         note = f"trunk {pelvis!r}, from which the legs hang, not {file.trunk!r}"
-        return replace(robot, root=pelvis, notes=(note, *robot.notes))
+        return replace(robot, root=robot.root or pelvis, notes=(note, *robot.notes))
     order = [k for chain in chains for k in chain.links]
     file.require_open(order)
     locked = [file.joint(k).name for k in file.joints if k not in order]
