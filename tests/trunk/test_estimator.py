@@ -302,6 +302,16 @@ def test_goes_on_over_what_is_missing_and_names_it() -> None:
     assert "time must increase" in estimator.estimate().reason
 
 
+def test_samples_that_were_not_learnt_from_are_not_joined_to_those_after_a_restart() -> None:
+    s = samples(motion(), STANDARD, 6)
+    left, whole = TrunkEstimator(robot()), TrunkEstimator(robot())
+    left.learning(before(s, 1.0).table)
+    left.restart()
+    for estimator in (left, whole):
+        estimator.add(after(s, 1.5))
+    np.testing.assert_array_equal(left.estimate().value, whole.estimate().value)
+
+
 def test_after_forgetting_rows_are_those_of_a_maker_that_saw_nothing_before() -> None:
     """Gravity is elsewhere in a trunk that was turned where nobody saw it."""
     level, tilted = (samples(motion(replace(STILL, slope=slope)), STANDARD, 1) for slope in (0.0, 0.2))

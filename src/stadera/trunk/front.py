@@ -104,6 +104,7 @@ class Front:
     def restart(self) -> None:
         """Announces that the next samples do not continue the previous ones; their rate may differ."""
         self._buffer = SampleBuffer(self._robot.tree.joints, self._settings)
+        self._waiting.clear()
         self._forget()
 
     def measured(
