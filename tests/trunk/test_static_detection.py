@@ -90,6 +90,19 @@ def test_a_value_that_is_not_finite_is_named_and_forgotten(name: str) -> None:
     assert said(gate, at_rest(30, 0.31))[-1] == ""
 
 
+def test_an_arms_value_is_not_named_after_a_joint_of_a_leg() -> None:
+    """Four joints of an arm have as many values as twelve joints of legs."""
+    extra = np.array([*np.zeros(11), np.nan])
+    (reason,) = said(StaticDetector(FORCES.robot), [replace(AT_REST, extra=extra)])
+    assert reason == "not finite: other joints"
+
+
+def test_torques_too_large_to_be_added_up_are_beyond_their_limits() -> None:
+    with np.errstate(over="ignore"):
+        (reason,) = said(StaticDetector(FORCES.robot), [replace(AT_REST, effort=np.full(12, 1e308))])
+    assert "at its limit" in reason
+
+
 @pytest.mark.parametrize(
     ("spoil", "words"),
     [

@@ -33,6 +33,8 @@ _SPOKEN = {
 }
 """Channels of a measurement, as they are named to people."""
 
+_OF_JOINTS = ("joint_position", "joint_velocity", "effort")  # with one value for each joint of the legs
+
 
 @dataclass(frozen=True, eq=False)
 class Measurement:
@@ -133,9 +135,12 @@ def not_finite(m: Measurement, joints: tuple[str, ...]) -> str:
     values = {name: getattr(m, name) for name in _SPOKEN if getattr(m, name) is not None}
     if isfinite(sum(float(np.sum(value)) for value in values.values())):
         return ""
-    name, value = next((name, value) for name, value in values.items() if not np.isfinite(value).all())
-    joint = f" of joint {joints[int(np.argmin(np.isfinite(value)))]!r}" if np.shape(value) == (len(joints),) else ""
-    return f"not finite: {_SPOKEN[name]}{joint}"
+    for name, value in values.items():
+        finite = np.isfinite(value)
+        if not finite.all():
+            joint = f" of joint {joints[int(np.argmin(finite))]!r}" if name in _OF_JOINTS else ""
+            return f"not finite: {_SPOKEN[name]}{joint}"
+    return ""  # too large to be summed up
 
 
 def extra_states(recording: Recording, robot: Robot) -> Array:
