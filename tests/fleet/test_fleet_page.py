@@ -113,6 +113,12 @@ def test_failures_are_counted_where_nothing_stands_out() -> None:
     assert "Nothing stands out" not in page
 
 
+def test_a_log_used_by_force_is_counted_as_bad() -> None:
+    table = fleet(1, 6)
+    table.rows[0]["trust"] = "bad"
+    assert "6 logs: 3 good, 1 doubtful, 1 bad, 1 failed" in table.to_html()
+
+
 def test_where_nothing_stands_out_it_says_so() -> None:
     page = fleet(1, 4, since=0.0).to_html()
     assert '<p class="answer">Nothing stands out' in page

@@ -254,7 +254,7 @@ def _panels(
     """The template's values for a robot: the trunk's figures, and the joints', which are folded unless one departs."""
     own = [series for series in fleet if series.robot == name]
     verdicts = Counter(row["trust"] if row["status"] == "ok" else "failed" for row in rows)
-    about = ", ".join(f"{verdicts[word]} {word}" for word in ("good", "doubtful", "failed") if verdicts[word])
+    about = ", ".join(f"{verdicts[word]} {word}" for word in ("good", "doubtful", "bad", "failed") if verdicts[word])
     missing = sum(series not in drawn for series in own)
     left = f"; {missing} of its figures left out, in which nothing stands out" if missing else ""
     trunk = [drawn[s] for s in own if s in drawn and s.joint is None]
