@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from stadera.cli.laboratory import RunOptions
 from stadera.lab.scenarios.catalog import SCENARIOS, SimulateSettings, scenario_named
 from stadera.lab.truth import read_truth
 from stadera.logs import Recording, read, write_table
@@ -96,6 +97,10 @@ def test_every_scenario_has_events_within_its_time() -> None:
         events = scenario.script(robot, SimulateSettings(motion=table), scenario.duration)
         assert all(0.0 <= event.time < scenario.duration for event in events), name
     assert len(scenario_named("poses").script(robot, SimulateSettings(), 33.0)) == 11
+
+
+def test_errands_sway_by_what_is_asked() -> None:
+    assert RunOptions(amplitude=2.0).settings("errands").amplitude == 2.0
 
 
 @pytest.mark.parametrize(

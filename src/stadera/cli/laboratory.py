@@ -84,7 +84,7 @@ class RunOptions:
         for name, asked, motions in (
             ("--speed", self.speed is not None, ("trot", "crawl", "step")),
             ("--turn", self.turn != 0.0, ("trot", "crawl")),
-            ("--amplitude", self.amplitude != 1.0, ("shake", "squat")),
+            ("--amplitude", self.amplitude != 1.0, ("shake", "squat", "errands")),
         ):
             if asked and motion not in motions:
                 raise typer.BadParameter(f"goes with the scenarios {', '.join(motions)}", param_hint=name)
