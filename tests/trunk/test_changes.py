@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from layout import ERRORS, JOINTS, LAYOUT, LEARNT, PLACES
 from stadera.robot import load_robot
 from stadera.trunk.block_rows import BlockRows, SwingRows
 from stadera.trunk.changes import ChangeDetector, Jump
-from stadera.trunk.error_model import ErrorModel
+from stadera.trunk.error_model import ErrorLayout, ErrorModel
 from stadera.trunk.history import History, wide_prior
 from stadera.trunk.joint_errors import Errors
 from stadera.trunk.segment import RowSums, Segment
@@ -216,3 +217,27 @@ def test_a_load_is_found_within_half_a_stride_though_gains_differ() -> None:
     assert without <= 1
     assert found == 6
     assert not found_with(LEARNT, stepping(20.0, np.zeros(10), np.inf, 0))
+
+
+def test_a_load_that_is_withdrawn_leaves_nothing_in_the_rows_of_arms() -> None:
+    """These are means over more blocks than those that showed that the load is gone."""
+    robot, settings = load_robot("b1_z1"), TrunkSettings()
+    layout = ErrorLayout.of(robot)
+    history, p = History(robot, TRUNK, layout, settings), np.zeros(layout.count)
+
+    def pass_by(blocks: int, torque: float) -> None:
+        for _ in range(blocks):
+            signals = trunk_signals(np.array([[0.0], [0.0], [9.81]]), np.zeros((3, 1)), np.zeros((3, 1)))[:, 0]
+            made = block(BLOCK * history.blocks, trunk_matrix(signals), np.zeros((6, layout.count)), np.zeros(6))
+            limbs = np.zeros((layout.limbs, made.columns.shape[1]))
+            limbs[:, 10], limbs[:, 11:][:, layout.places["limb_offset"]] = torque, np.eye(layout.limbs)
+            history.add(replace(made, limbs=limbs), p)
+
+    pass_by(60, 0.0)
+    pass_by(30, 1.0)
+    known = history.begin_load(30, p)
+    pass_by(settings.changes.back + 1, 0.0)
+    history.return_to(known)
+    pass_by(40, 0.0)
+    assert history.current.limb_count > 0.0
+    assert not history.current.of_limbs[0].any()

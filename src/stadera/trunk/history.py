@@ -289,7 +289,10 @@ class History:
 
     def return_to(self, known: Known) -> None:
         """Continues an earlier load with the latest `ChangeSettings.back` blocks."""
-        rows = list(self.recent)[-self._settings.changes.back :]
+        back, both = self._settings.changes.back, 2 * round(self._settings.swing.repeated)
+        latest = enumerate(list(self.recent)[-back:], 1)  # the limbs' means of the first ones contain the load between
+        rows = [row if k >= both else replace(row, limbs=None) for k, row in latest]
+        self._limbs = self._limbs[-back:]
         self._set(known.finished)
         self._begin(known.before, rows, known.loaded)
 
