@@ -109,7 +109,7 @@ def check_export(robot: Robot, path: str | Path) -> tuple[Path, bool]:
     if robot.root not in (None, root):
         raise ModelError(
             f"{path}: the trunk {robot.root!r} is not the root {root!r} of {robot.source.name}; only a robot whose "
-            "trunk is the root, or is found without --trunk, is written to a model file"
+            "trunk is the root, or is found fixed to it, is written to a model file"
         )
     return robot.source, is_urdf
 
