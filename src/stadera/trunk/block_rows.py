@@ -141,7 +141,7 @@ class Weighting:
     """How the rows of one robot's blocks are scaled and discounted.
 
     Attributes:
-        unit: (6,), see `unit_of_rows`. of_limbs: (joints,) [N·m], that of the limbs' rows; None without limbs.
+        unit: (6,), see `unit_of_rows`. of_limbs: (joints,) [N·m], that of the limbs' rows; None to leave these out.
         unfelt: places of the errors of that name, and their standard deviations; rows count the less, the more these
             hide them.
         friction: places of errors of the joints' torques, and standard deviations of the friction of joints that hardly
