@@ -346,17 +346,18 @@ def test_a_load_in_a_hand_is_found_and_weighed_there(name: str, link: str) -> No
 
 
 def test_noise_of_an_arms_velocities_does_not_move_its_load() -> None:
-    """0.1 rad/s, five times a data sheet's; with plain means of the arm's rows the load seems to be 12 mm off."""
+    """0.2 rad/s, ten times a data sheet's; with plain means of the arm's rows the load is 2.4 % too light."""
     robot = of_file("b1_z1")
     assert robot.extra is not None
     link, joints = "link06", len(robot.extra.joints)
     samples = swaying(robot, IN_HAND, 0.2, (robot.extra.joints[robot.extra.links.index(link)],))
     extra = samples.extra.copy()
-    extra[:, joints : 2 * joints] += 0.1 * np.random.default_rng(0).standard_normal((len(extra), joints))
-    payload = after_tare(robot, replace(samples, extra=extra), link).payload
+    extra[:, joints : 2 * joints] += 0.2 * np.random.default_rng(0).standard_normal((len(extra), joints))
+    noisy = replace(samples, extra=extra)
+    payload = after_tare(robot, noisy[noisy.time < 7.5], link).payload
     assert payload is not None
     assert payload.mass == pytest.approx(2.0, abs=0.02)
-    np.testing.assert_allclose(payload.com, IN_HAND.com, atol=4e-3)
+    np.testing.assert_allclose(payload.com, IN_HAND.com, atol=8e-3)
 
 
 def test_friction_of_the_legs_and_noise_of_an_arm_do_not_hide_what_it_holds() -> None:
