@@ -111,20 +111,24 @@ class ErrorLayout:
         return slice(0, self.places["velocity_lag"].stop)
 
     @property
-    def changing(self) -> tuple[slice, ...]:
+    def _of_loads(self) -> tuple[str, ...]:
         """Errors that may change with the load: static friction, and moments of flat feet that no joint tells.
 
         On flat feet also the friction of joints that stop in each stance or slide so slowly that their direction is
         not told. As one value under both loads it makes payloads of four simulated G1s that step up to 5.9 standard
         deviations wrong, as `ModelErrors.renewed` has it 1.9. Quadrupeds' payloads are within their bars without it.
         """
-        slow = ("standstill",) if self.flat else ()
-        return tuple(self.places[name] for name in ("stiction", *slow, "unfelt", "limb_stiction"))
+        return ("stiction", *(("standstill",) if self.flat else ()), "unfelt", "limb_stiction")
+
+    @property
+    def changing(self) -> tuple[slice, ...]:
+        """Errors that may change with the load, see `_of_loads`."""
+        return tuple(self.places[name] for name in self._of_loads)
 
     @cached_property
     def changing_at(self) -> NDArray[np.int64]:
         """Their indices in p."""
-        return np.concatenate([np.arange(place.start, place.stop) for place in self.changing])
+        return self.at(*self._of_loads)
 
     @property
     def sticking(self) -> slice:

@@ -275,26 +275,26 @@ class History:
         self._divided = True
         self._set((*self.finished[-3:], before))
         self._begin(self._widened(before, errors), (), None)
-        both = 2 * round(self._settings.swing.repeated) - spoilt  # blocks whose limbs' means may contain both loads
-        self._limbs = self._limbs[max(len(self._limbs) - blocks + spoilt, 0) :]
-        for k, rows in enumerate(recent[len(recent) - blocks + spoilt :]):
-            alone = rows if k >= both else replace(rows, limbs=None)
+        for alone in self._of_one_load(recent[len(recent) - blocks + spoilt :]):
             felt = self.current.felt(alone)
             # weights were those of residuals from the earlier load
             self.recent.append(alone.weighing(self._slides(felt, self.current)))
-            felt, kept = felt.weighing(self.recent[-1].weight), self._kept(rows, self.current)
+            felt, kept = felt.weighing(self.recent[-1].weight), self._kept(alone, self.current)
             self._known.append(self.current.add(felt, kept, louder=self.noise))
             self._loaded.append(None)
         return known
 
     def return_to(self, known: Known) -> None:
         """Continues an earlier load with the latest `ChangeSettings.back` blocks."""
-        back, both = self._settings.changes.back, 2 * round(self._settings.swing.repeated)
-        latest = enumerate(list(self.recent)[-back:], 1)  # the limbs' means of the first ones contain the load between
-        rows = [row if k >= both else replace(row, limbs=None) for k, row in latest]
-        self._limbs = self._limbs[-back:]
+        rows = self._of_one_load(list(self.recent)[-self._settings.changes.back :])
         self._set(known.finished)
         self._begin(known.before, rows, known.loaded)
+
+    def _of_one_load(self, rows: Sequence[WeightedRows]) -> list[WeightedRows]:
+        """The latest blocks, without means of limbs' rows that contain earlier ones; nor will the next mean."""
+        self._limbs = self._limbs[max(len(self._limbs) - len(rows), 0) :]
+        first = 2 * round(self._settings.swing.repeated) - 1
+        return [row if k >= first else replace(row, limbs=None) for k, row in enumerate(rows)]
 
     def _begin(self, segment: Segment, rows: Sequence[WeightedRows], loaded: Segment | None) -> None:
         self._known, self.recent, self._loaded = deque([segment]), deque(rows), deque([loaded])

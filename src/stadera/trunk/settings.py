@@ -90,7 +90,7 @@ class ModelErrors:
         stated: rotor inertia and friction that a model file states, as a share of them [1], where that is more. Damping
             of a file may be there to keep a simulator stable; with 0.5 none at all is two standard deviations away. A
             simulated OP3 whose file has 50 times its damping is refused without this, and its payload is 0.4, 0.2 and
-            0.1 % of the robot off with 0.25, 0.5 and 1.5. It moves none of the robots by name.
+            0.1 % of the robot off with 0.25, 0.5 and 1.5. Of the robots by name it moves iCub only.
         limbs: factor on the friction of joints in arms and other limbs [1]. Static friction of a G1's arms is 2.4 % of
             the limits, of its wrists 12 % (its maker's drives for simulators, Unitree RL Lab), of an arm's seven joints
             6.6 % root mean square.
