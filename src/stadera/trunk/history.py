@@ -238,8 +238,8 @@ class History:
 
         An arm moves slowly: its accelerations in a single block are noise, in the columns of a load and, times the
         arm's inertia, in the target, which makes the load too light. In the mean they cancel, but for those at its
-        ends, which have little weight here: with a plain mean over half the blocks loads in the hands of eleven
-        simulated Talos that step are 1.3 % of the robot too light (median), with this one 0.1 %.
+        ends, which have little weight here: with a plain mean over half the blocks loads in the hands of twelve
+        simulated Talos that step are 0.8 % of the robot too light (median), with this one 0.1 %.
         """
         if rows.limbs is None:
             return rows
