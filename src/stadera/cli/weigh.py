@@ -1,5 +1,6 @@
 """`stadera weigh`: mass and centre of mass of a robot's trunk and of its payload; `compare`: by several methods."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -62,15 +63,10 @@ def weigh(
             force=weighed.force, fix=options.fix, progress=bar, watch=watch, weight=on_scale, known=test,
             memory=memory, at=weighed.at,
         )  # fmt: skip
-    files.write(
-        (export, result.save_urdf),
-        *([] if result.memory is None else [(weighed.memory, result.memory.save_json)]),
-        values=result.to_dict,
-        page=lambda: result.to_html(true),
-        latex=result.to_latex,
-        figures=lambda: result.to_figures(true),
-    )
-    show(*weighing_tables(result.since_beginning(), true and true.since(result.begin)))
+    result = replace(result, truth=true)
+    kept = [] if result.memory is None else [(weighed.memory, result.memory.save_json)]
+    files.write_result(result, (export, result.save_urdf), *kept)
+    show(*weighing_tables(result))
 
 
 @grouped
@@ -96,7 +92,7 @@ def compare(
     on_scale = None if weight is None else parse.weight(weight)
 
     from stadera.report.table import notes, rich_table
-    from stadera.report.weigh.page import reasons
+    from stadera.report.weigh.comparison import reasons
     from stadera.robot import load_robot
     from stadera.weigh.compare import compare as compare_logs
 

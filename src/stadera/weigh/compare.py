@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from os import PathLike
-from typing import TYPE_CHECKING, Any
+from typing import Any, ClassVar
 
 from stadera.errors import StaderaError
 from stadera.logs.reader import Log, as_log, as_logs
@@ -16,10 +16,6 @@ from stadera.types import Progress
 from stadera.weigh.result import Weighing
 from stadera.weigh.settings import IN_MOTION, check_choice
 from stadera.weigh.weigh import weigh
-
-if TYPE_CHECKING:
-    from stadera.report.figures import Figure
-    from stadera.report.table import TableData
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,6 +37,7 @@ class MethodResult:
 class Comparison(Result):
     """Result of `compare`: one entry for each log and method, by log."""
 
+    report: ClassVar[str] = "stadera.report.weigh.comparison"
     robot: Robot
     entries: tuple[MethodResult, ...]
 
@@ -63,24 +60,6 @@ class Comparison(Result):
         """One row for each entry. Raises MissingExtraError: pandas is not installed."""
         rows = [_row(each) for each in self.entries]
         return data_frame({name: [row[name] for row in rows] for name in rows[0]})
-
-    def to_html(self) -> str:
-        """The page."""
-        from stadera.report.weigh.page import comparison_html
-
-        return comparison_html(self)
-
-    def to_tables(self) -> list[TableData]:
-        """One table of all entries."""
-        from stadera.report.weigh.page import comparison_table
-
-        return [comparison_table(self)]
-
-    def to_figures(self) -> Mapping[str, Figure | TableData]:
-        """All results, then mass and payload over time by each method, a figure for each log."""
-        from stadera.report.weigh.page import comparison_figures
-
-        return comparison_figures(self)
 
 
 def compare(

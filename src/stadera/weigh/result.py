@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from os import PathLike
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from stadera.files import written_together
 from stadera.results import Result, data_frame
@@ -22,8 +21,6 @@ from stadera.weigh.next_steps import NextStep, UseLimits, next_steps
 
 if TYPE_CHECKING:
     from stadera.lab.truth import Truth
-    from stadera.report.figures import Figure
-    from stadera.report.table import TableData
 
 _UNITS = {"time": "s", "mass": "kg", "com": "m", "inertia": "kg·m²", "torque_lag": "s", "tilt_std": "rad"} | {
     "armature": "kg·m²",
@@ -106,8 +103,10 @@ class Weighing(Result):
         drives: what the motion showed about the joints; None at rest.
         memory: the robot's memory with this log, if one was asked for and the log does not contradict it.
         steps_known: of `next`, those whose bars this log's own information tells.
+        truth: of a simulated log, shown with the result.
     """
 
+    report: ClassVar[str] = "stadera.report.weigh.page"
     robot: Robot
     source: str
     method: str
@@ -131,6 +130,7 @@ class Weighing(Result):
     drives: Drives | None = None
     memory: Memory | None = None
     steps_known: tuple[NextStep, ...] = ()
+    truth: Truth | None = None
 
     @property
     def mass(self) -> float:
@@ -183,6 +183,7 @@ class Weighing(Result):
             notes=(*self.notes, f"times count from the log's beginning, {first:.3f} s on its own clock")
             if first > 1.0
             else self.notes,
+            truth=None if self.truth is None else self.truth.since(first),
         )
 
     def determined(self, limits: UseLimits | None = None) -> dict[str, bool]:
@@ -252,12 +253,6 @@ class Weighing(Result):
         """
         return data_frame(self.timeline.columns)
 
-    def to_html(self, truth: Truth | None = None) -> str:
-        """The report as one self-contained HTML page; with the truth of a simulated log, if given."""
-        from stadera.report.weigh.page import weighing_html
-
-        return weighing_html(*_shown(self, truth))
-
     def save_urdf(self, path: str | PathLike[str]) -> None:
         """Writes the robot's model file with the weighed trunk and the payload as a separate link, in the format of the
         original.
@@ -272,20 +267,3 @@ class Weighing(Result):
         model = weighed_model(self)
         with written_together([path]) as (draft,):
             export_model(model.robot, draft, model.payload, model.note)
-
-    def to_tables(self) -> list[TableData]:
-        """Tables of trunk and payload, of the inertia where it was observed, and of the changes of the load."""
-        from stadera.report.weigh.tables import tables
-
-        return tables(self.since_beginning())
-
-    def to_figures(self, truth: Truth | None = None) -> Mapping[str, Figure]:
-        """Figures: payload (with a tare), mass, balance (where the load is), convergence (of the centre of mass)."""
-        from stadera.report.weigh.plots import figures
-
-        return figures(*_shown(self, truth))
-
-
-def _shown(result: Weighing, truth: Truth | None) -> tuple[Weighing, Truth | None]:
-    """A result and the truth of its log, with times since the log's beginning."""
-    return result.since_beginning(), None if truth is None else truth.since(result.begin)

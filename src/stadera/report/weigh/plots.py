@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 
@@ -18,57 +18,56 @@ from stadera.trunk.standing.estimator import Balance, Stance
 from stadera.types import Array
 from stadera.weigh.result import Weighing
 
-if TYPE_CHECKING:
-    from stadera.lab.truth import Truth
 
-
-def figures(result: Weighing, truth: Truth | None = None) -> dict[str, Figure]:
+def figures(result: Weighing) -> dict[str, Figure]:
     """All figures by name, the most informative first."""
+    result = result.since_beginning()
     found = {
-        "payload": payload_figure(result, truth),
-        "mass": mass_figure(result, truth),
-        "balance": place_figure(result, truth),
-        "convergence": com_figure(result, truth),
+        "payload": payload_figure(result),
+        "mass": mass_figure(result),
+        "balance": place_figure(result),
+        "convergence": com_figure(result),
     }
     return {name: figure for name, figure in found.items() if figure is not None and not figure.is_empty}
 
 
-def payload_figure(result: Weighing, truth: Truth | None = None) -> Figure | None:
+def payload_figure(result: Weighing) -> Figure | None:
     """The payload's mass since the tare with two standard deviations; None if it was not tracked."""
     if (found := result.timeline.payload) is None:
         return None
-    true = None if truth is None else [m.payload_mass or 0.0 for m in truth.moments]
-    panel = _panel(result, "payload [kg]", "payload since the tare", found[:, 0], found[:, 1], truth, true)
+    name = "payload since the tare"
+    panel = _panel(result, "payload [kg]", name, found[:, 0], found[:, 1], lambda m: m.payload_mass or 0.0)
     return Figure("Payload over time", ((panel,),), "As known at that time.", 300.0)
 
 
-def mass_figure(result: Weighing, truth: Truth | None = None) -> Figure:
+def mass_figure(result: Weighing) -> Figure:
     """Mass of the trunk over time with two standard deviations, the changes, and the truth."""
-    line_, true = result.timeline, None if truth is None else [m.mass for m in truth.moments]
-    panel = _panel(result, "trunk's mass [kg]", "trunk with all on it", line_.mass, line_.mass_std, truth, true)
+    found, name = result.timeline, "trunk with all on it"
+    panel = _panel(result, "trunk's mass [kg]", name, found.mass, found.mass_std, lambda m: m.mass)
     return Figure("Mass over time", ((panel,),), "As known at that time.", 300.0)
 
 
-def com_figure(result: Weighing, truth: Truth | None = None) -> Figure | None:
+def com_figure(result: Weighing) -> Figure | None:
     """Centre of mass over time as estimated then, with two standard deviations, and the truth; None if not observed."""
     com, std, panels = result.timeline.com, result.timeline.com_std, []
     for k in range(3):
         if np.isfinite(com[:, k]).any():
-            true = None if truth is None else [m.com[k] for m in truth.moments]
-            panels.append(_panel(result, f"com {'xyz'[k]} [m]", "found", com[:, k], std[:, k], truth, true))
+            quantity = f"com {'xyz'[k]} [m]"
+            panels.append(_panel(result, quantity, "found", com[:, k], std[:, k], lambda m, k=k: m.com[k]))  # type: ignore[misc]
     note = "As known at that time; a gap where it was not."
     return stacked("Centre of mass over time", panels, note) if panels else None
 
 
 def _panel(
-    result: Weighing, quantity: str, name: str, values: Array, std: Array, truth: Truth | None, true: list[float] | None
+    result: Weighing, quantity: str, name: str, values: Array, std: Array, true: Callable[[Any], float]
 ) -> Panel:
-    """A quantity (k,) over the timeline with two standard deviations, and its true values at the truth's moments."""
+    """A quantity (k,) over the timeline with two standard deviations, and what is `true` of the truth's moments."""
     time, axis = result.timeline.time, Axis("time [s]", limits=(result.begin, result.end))
     marks = [band(time, values, std), line(time, values, name, width=1.8)]
-    if truth is not None and true is not None:
-        times = np.array([*(m.time for m in truth.moments), result.end])
-        marks.append(Series(times, np.array([*true, true[-1]]), "truth", "green", 1.5, dashed=True, stairs="hold"))
+    if result.truth is not None:
+        moments = result.truth.moments
+        times, trues = [*(m.time for m in moments), result.end], [*map(true, moments), true(moments[-1])]
+        marks.append(Series(np.array(times), np.array(trues), "truth", "green", 1.5, dashed=True, stairs="hold"))
     return Panel(axis, Axis(quantity, limits=room(values, std)), tuple(marks), _guides(result))
 
 
@@ -112,7 +111,7 @@ class _Centre:
     label: str = ""
 
 
-def place_figure(result: Weighing, truth: Truth | None = None) -> Figure | None:
+def place_figure(result: Weighing) -> Figure | None:
     """The robot from the side and from above: payload, trunk's centre of mass before and after, support polygon, at
     rest also forces and centre of pressure, and an enlargement; None if no foot was seen to carry.
     """
@@ -120,7 +119,7 @@ def place_figure(result: Weighing, truth: Truth | None = None) -> Figure | None:
     if stance is None:
         return None
     side, top = stance.to_level[[0, 2]], stance.to_level[:2]
-    centres, ground = list(_centres(result, stance, truth)), _ground(result, stance)
+    centres, ground = list(_centres(result, stance)), _ground(result, stance)
     if not len(ground):
         return None
     from_side = (*silhouette(result.robot, stance.position, side), _level(ground @ side.T))
@@ -157,7 +156,7 @@ def _view_panel(up: str, low: Array, high: Array, marks: tuple[Series, ...], tit
 
 
 # -- centres of mass --------------------------------------------------------------------------------------------------
-def _centres(result: Weighing, stance: Stance, truth: Truth | None) -> Iterator[_Centre]:
+def _centres(result: Weighing, stance: Stance) -> Iterator[_Centre]:
     payload, trunk = result.payload, result.trunk
     spread = trunk.covariance[1:, 1:]
     if payload is None:
@@ -169,8 +168,8 @@ def _centres(result: Weighing, stance: Stance, truth: Truth | None) -> Iterator[
     yield _Centre(after, result.com, "dot", "blue", spread)
     if payload is not None and payload.mass > SIGNIFICANT * payload.mass_std:
         yield from _payload(result, stance, payload)
-    if truth is not None:
-        moment = truth.at(result.time)
+    if result.truth is not None:
+        moment = result.truth.at(result.time)
         yield _Centre("truth, trunk", np.asarray(moment.com), "cross", "green")
         if moment.payload_com is not None:
             turned, start = _frame(result.robot, stance, moment.link or result.robot.trunk)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from math import isfinite
-from typing import TYPE_CHECKING
 
 import numpy as np
 from rich.console import RenderableType
@@ -18,10 +17,6 @@ from stadera.trunk.load import scale_of
 from stadera.types import Array
 from stadera.weigh.next_steps import NextStep
 from stadera.weigh.result import Weighing
-
-if TYPE_CHECKING:
-    from stadera.lab.truth import Truth
-
 
 _HEAD = ("trunk frame", "mass [kg]", "com x [m]", "com y [m]", "com z [m]")
 
@@ -46,9 +41,9 @@ def processing(result: Weighing) -> dict[str, str]:
     return found
 
 
-def bodies_table(result: Weighing, truth: Truth | None = None) -> TableData:
+def bodies_table(result: Weighing) -> TableData:
     """Mass and centre of mass of the model file's trunk, the estimated trunk, the payload, and the truth."""
-    return TableData.of(f"Weighed by the method {result.method!r}", _HEAD, _bodies(result, truth))
+    return TableData.of(f"Weighed by the method {result.method!r}", _HEAD, _bodies(result))
 
 
 def inertia_table(result: Weighing) -> TableData | None:
@@ -80,6 +75,7 @@ def inertia_missing(result: Weighing) -> str:
 
 def tables(result: Weighing) -> list[TableData]:
     """Tables for a paper: trunk and payload, inertia where it was observed, changes of the load."""
+    result = result.since_beginning()
     found = [bodies_table(result), inertia_table(result), changes_table(result) if result.changes else None]
     return [table for table in found if table is not None]
 
@@ -123,7 +119,7 @@ def refusals_table(result: Weighing, most: int) -> TableData:
     return TableData.of("Times not used", ("time", "because"), rows, sides="lw")
 
 
-def _bodies(result: Weighing, truth: Truth | None) -> Iterator[Row]:
+def _bodies(result: Weighing) -> Iterator[Row]:
     prior, payload = result.robot.inertias[result.robot.trunk], result.payload
     yield "trunk, CAD", number(prior.mass), *_exact(prior.com)
     found = np.array([result.mass, *result.com]), np.array([result.mass_std, *result.com_std])
@@ -132,8 +128,8 @@ def _bodies(result: Weighing, truth: Truth | None) -> Iterator[Row]:
         found = np.array([payload.mass, *payload.com]), np.array([payload.mass_std, *payload.com_std])
         elsewhere = payload.at and f", at and in the frame of {payload.at}"
         yield f"payload since the tare{elsewhere}", *_cells(result, *found)
-    if truth is not None:
-        moment = truth.at(result.time)
+    if result.truth is not None:
+        moment = result.truth.at(result.time)
         yield "truth: trunk with all on it", number(moment.mass), *_exact(moment.com)
         if moment.payload_com is not None:
             yield "truth: payload", number(moment.payload_mass), *_exact(moment.payload_com)
@@ -150,12 +146,13 @@ def _exact(com: Iterable[float]) -> tuple[str, str, str]:
     return x, y, z
 
 
-def weighing_tables(result: Weighing, truth: Truth | None = None) -> Iterator[RenderableType]:
+def weighing_tables(result: Weighing) -> Iterator[RenderableType]:
     """Trunk and payload, changes of the load, notes, times without estimate; the answer and its trust last."""
+    result = result.since_beginning()
     used = result.end - result.begin - result.refused
     span = f"estimated from {used:.1f} of {result.end - result.begin:.1f} s, as known at {result.time:.2f} s"
     yield Text(f"{result.robot.name}, {result.source}: {span}; {result.status}", style="bold")
-    yield rich_table(bodies_table(result, truth))
+    yield rich_table(bodies_table(result))
     if (inertia := inertia_table(result)) is not None:
         yield rich_table(inertia)
     if result.changes:
