@@ -20,10 +20,8 @@ def random_motion(n: int, samples: int = 12, seed: int = 0) -> JointMotion:
 
 
 def random_trunk(samples: int = 12, seed: int = 1) -> TrunkMotion:
-    """Specific force, angular velocity and acceleration drawn anew for each sample."""
-    rng = np.random.default_rng(seed)
-    force, velocity, acceleration = rng.uniform(-1.0, 1.0, (3, samples, 3))
-    return TrunkMotion(15.0 * force, 3.0 * velocity, 20.0 * acceleration)
+    """Specific force drawn anew for each sample."""
+    return TrunkMotion(15.0 * np.random.default_rng(seed).uniform(-1.0, 1.0, (samples, 3)))
 
 
 def random_rotation(rng: np.random.Generator) -> np.ndarray:
@@ -74,29 +72,25 @@ def named(inertias: dict[str, InertialParameters], links: tuple[str, ...]) -> di
 
 
 def floating_torques(robot: Robot, joints: JointMotion, trunk: TrunkMotion, rotations: np.ndarray) -> np.ndarray:
-    """Wrench on the trunk and joint torques, (samples, 6 + n), with gravity, by recursive Newton-Euler.
+    """Joint torques (samples, n), with gravity, by recursive Newton-Euler.
 
     `rotations` (samples, 3, 3) is the trunk's attitude in the world. The trunk's linear velocity is drawn at random: it
-    must not matter. Pinocchio's trunk acceleration is the spatial one, a - ω x v, of the acceleration a = f + Rᵀ g.
+    must not matter.
     """
     model = pinocchio_model(robot)
     model.armature[:] = 0.0
     model.gravity.linear = gravity = np.array([0.0, 0.0, -9.81])
     data, rng = model.createData(), np.random.default_rng(9)
     n = len(joints)
-    force, omega, alpha = (
-        np.broadcast_to(v, (n, 3)) for v in (trunk.specific_force, trunk.angular_velocity, trunk.angular_acceleration)
-    )
+    force, still = np.broadcast_to(trunk.specific_force, (n, 3)), np.zeros(3)
     out = np.empty((n, model.nv))
     for k in range(n):
-        linear = rng.normal(size=3)
-        acceleration = force[k] + rotations[k].T @ gravity - np.cross(omega[k], linear)
         quaternion = pin.Quaternion(rotations[k]).coeffs()
         q = np.concatenate((rng.normal(size=3), quaternion, joints.position[k]))
-        v = np.concatenate((linear, omega[k], joints.velocity[k]))
-        a = np.concatenate((acceleration, alpha[k], joints.acceleration[k]))
+        v = np.concatenate((rng.normal(size=3), still, joints.velocity[k]))
+        a = np.concatenate((force[k] + rotations[k].T @ gravity, still, joints.acceleration[k]))
         out[k] = pin.rnea(model, data, q, v, a)
-    return out
+    return out[:, 6:]
 
 
 def leg_regressor(tree: Tree, joints: JointMotion, up: np.ndarray) -> np.ndarray:

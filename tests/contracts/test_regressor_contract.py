@@ -53,8 +53,7 @@ def hyq() -> Robot:
 
 
 def sliced(trunk: TrunkMotion, samples: slice) -> TrunkMotion:
-    parts = (trunk.specific_force, trunk.angular_velocity, trunk.angular_acceleration)
-    return TrunkMotion(*(v[samples] if v.ndim == 2 else v for v in parts))
+    return TrunkMotion(trunk.specific_force[samples]) if trunk.specific_force.ndim == 2 else trunk
 
 
 def torque_case(regressor: JointTorqueRegressor, joints: JointMotion, trunk: TrunkMotion, truth, expected) -> Case:
@@ -77,21 +76,21 @@ def leg_with_friction() -> Case:
     return torque_case(regressor, joints, TrunkMotion.held(up), truth, expected)
 
 
-def tree_with_trunk(robot: Robot) -> Case:
+def whole_tree(robot: Robot) -> Case:
     joints, trunk = random_motion(len(robot.tree.joints), SAMPLES), random_trunk(SAMPLES)
     expected = floating_torques(robot, joints, trunk, np.stack([np.eye(3)] * SAMPLES))
-    regressor = JointTorqueRegressor(robot.tree, trunk_rows=True)
-    return torque_case(regressor, joints, trunk, named(dict(robot.inertias), robot.tree.links), expected)
+    truth = named(dict(robot.inertias), robot.tree.links[1:])
+    return torque_case(JointTorqueRegressor(robot.tree), joints, trunk, truth, expected)
 
 
 def oblique_tree() -> Case:
     tree = random_tree(7)
-    return tree_with_trunk(robot_of(tree, random_inertias(tree.links, 7), hyq()))
+    return whole_tree(robot_of(tree, random_inertias(tree.links, 7), hyq()))
 
 
 CASES: dict[str, Callable[[], Case]] = {
     "joint torques of a leg": leg_with_friction,
-    "joint torques and trunk wrench": lambda: tree_with_trunk(hyq()),
+    "joint torques of a robot": lambda: whole_tree(hyq()),
     "joint torques of an oblique tree": oblique_tree,
 }
 

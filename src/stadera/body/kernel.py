@@ -84,13 +84,6 @@ def set_trunk(n: int, R: Array, o: Array) -> None:
 
 
 @part
-def set_motion(n: int, trunk: Array, at: int, omega: Array, alpha: Array, a: Array) -> None:
-    """Writes the trunk's ω, α and a of sample `at`, at place n."""
-    for c in range(3):
-        omega[n, c], alpha[n, c], a[n, c] = trunk[at, 0, c], trunk[at, 1, c], trunk[at, 2, c]
-
-
-@part
 def turn_about(R: Array, parent: int, fixed: Array, j: int, axis: Vector, angle: float) -> None:
     """Writes R_j = R_parent B_j exp([axis]x angle), with exp([a]x q) = cos q 1 + sin q [a]x + (1 - cos q) a aᵀ."""
     s, c = sin(angle), cos(angle)
@@ -389,7 +382,8 @@ def evaluate(
         for d in range(6):
             T[n, c, d] = -1.0 if c == d else 0.0
     for at in range(len(joints)):
-        set_motion(n, trunk, at, omega, alpha, a)
+        for c in range(3):
+            omega[n, c], alpha[n, c], a[n, c] = trunk[at, 0, c], trunk[at, 1, c], trunk[at, 2, c]
         for c in range(6):
             for leg in range(count + 1):
                 inertial[at, leg, c] = 0.0
@@ -433,50 +427,44 @@ def evaluate(
 
 
 @compiled(
-    "void(int64[::1], float64[:,:,::1], float64[:,::1], float64[:,::1], boolean[::1], float64[:,:,::1], "
-    "float64[:,:,::1], int64[:,::1], float64[:,::1])"
+    "void(int64[::1], float64[:,:,::1], float64[:,::1], float64[:,::1], float64[:,:,::1], float64[:,::1], "
+    "int64[:,::1], float64[:,::1])"
 )
 def torque_columns(
     parents: Ints,
     rotations: Array,
     arms: Array,
     axes: Array,
-    slides: Bools,
     joints: Array,
-    trunk: Array,
+    force: Array,
     picks: Ints,
     out: Array,
 ) -> None:
-    """Derivatives of joint torques, and of the wrench on the trunk, by the parameters of links, rᵀ X_j.
+    """Derivatives of the torques of joints that turn, on a trunk that does not, by the parameters of links, rᵀ X_j.
 
     Args:
-        parents, ..., trunk: as of `evaluate`; of a trunk whose motion is constant, (1, 3, 3).
-        picks: (k, 3), an output: a joint, or n + 0 to 5 for the trunk's force and moment; a link, n for the trunk's;
-            and one of the link's ten parameters. Those of one output and link follow each other.
+        parents, ..., joints: as of `evaluate`. force: (N, 3) or (1, 3) [m/s²], specific force of the trunk.
+        picks: (k, 3), a joint; a link; and one of its ten parameters. Those of one joint and link follow each other.
         out: (k, N).
     """
     n = len(parents)
-    R, o, s, own = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3)), np.empty((n + 1, 3)), np.empty((n + 1, 6, 10))
-    omega, alpha, a, r = np.empty((n + 1, 3)), np.empty((n + 1, 3)), np.empty((n + 1, 3)), np.empty((n + 6, 6))
+    R, o, s, own = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3)), np.empty((n + 1, 3)), np.empty((n, 6, 10))
+    omega, alpha, a, r = np.zeros((n + 1, 3)), np.zeros((n + 1, 3)), np.empty((n + 1, 3)), np.empty((n, 6))
     set_trunk(n, R, o)
-    for c in range(6):
-        for d in range(6):
-            r[n + c, d] = 1.0 if c == d else 0.0
     for at in range(len(joints)):
-        if at < len(trunk):
-            set_motion(n, trunk, at, omega, alpha, a)
-            own_columns(n, R, omega, alpha, a, own)
+        if at < len(force):
+            put(a, n, of(force, at))
         for j in range(n):
             state = joints[at, j, 0], joints[at, j, 1], joints[at, j, 2]
-            next_link(parents[j], j, slides[j], rotations, arms, axes, state, R, o, s, omega, alpha, a)
+            next_link(parents[j], j, False, rotations, arms, axes, state, R, o, s, omega, alpha, a)
             own_columns(j, R, omega, alpha, a, own)
-            across(o, s, j, slides[j], r)
-        force = moment = (0.0, 0.0, 0.0)
+            across(o, s, j, False, r)
+        along = about = (0.0, 0.0, 0.0)
         for p in range(len(picks)):
             k, j, c = picks[p, 0], picks[p, 1], picks[p, 2]
             if p == 0 or k != picks[p - 1, 0] or j != picks[p - 1, 1]:
-                force, moment = in_link((r[k, 0], r[k, 1], r[k, 2]), (r[k, 3], r[k, 4], r[k, 5]), j, R, o)
+                along, about = in_link((r[k, 0], r[k, 1], r[k, 2]), (r[k, 3], r[k, 4], r[k, 5]), j, R, o)
             value = 0.0
             for d in range(3):
-                value += force[d] * own[j, d, c] + moment[d] * own[j, 3 + d, c]
+                value += along[d] * own[j, d, c] + about[d] * own[j, 3 + d, c]
             out[p, at] = value

@@ -1,12 +1,7 @@
-"""Regressor of joint torques (and of the wrench on the trunk): the paper's eq. 2, Y(q, q̇, q̈) φ = τ.
+"""Regressor of the joint torques of a robot whose trunk does not turn: the paper's eq. 2, Y(q, q̇, q̈) φ = τ.
 
 With X_j the inertial wrench of link j as columns of its ten parameters, and r_kᵀ w the torque that joint k needs for a
-wrench w, joint k has the row r_kᵀ X_j of every link j that it moves (`stadera.body.kernel`). The six trunk rows are
-those of all links.
-
-The specific force of a frame's origin is its acceleration minus gravity. A trunk that moves with angular velocity ω and
-specific force a obeys the equations of one at rest in gravity-free space accelerated by a, so neither orientation nor
-gravity nor velocity of the trunk appears.
+wrench w, joint k has the row r_kᵀ X_j of every link j that it moves (`stadera.body.kernel`).
 """
 
 from __future__ import annotations
@@ -27,19 +22,14 @@ from stadera.inertia import ORDER
 from stadera.robot.model import Tree
 from stadera.types import Array
 
-TRUNK_ROWS: tuple[str, ...] = ("force.x", "force.y", "force.z", "moment.x", "moment.y", "moment.z")
-"""Names of the six trunk rows: force [N] and moment about the trunk's origin [N·m], trunk axes."""
-
 
 @dataclass(frozen=True, eq=False)
 class TrunkMotion:
-    """Motion of the trunk, in its own frame and at its origin: specific force (acceleration minus gravity) [m/s²],
-    angular velocity [rad/s] and acceleration [rad/s²], each (samples, 3), or (3,) if constant.
+    """Specific force (acceleration minus gravity) of a trunk that does not turn, its own axes, (samples, 3), or (3,) if
+    constant [m/s²].
     """
 
     specific_force: Array
-    angular_velocity: Array
-    angular_acceleration: Array
 
     @classmethod
     def held(cls, up: ArrayLike = (0.0, 0.0, 1.0), gravity: float = GRAVITY) -> TrunkMotion:
@@ -48,12 +38,7 @@ class TrunkMotion:
         norm = np.linalg.norm(direction)
         if direction.shape != (3,) or not np.isfinite(norm) or norm == 0:
             raise IdentificationError(f"the vertical needs three numbers, not all zero; got {up!r}")
-        return cls(gravity * direction / norm, np.zeros(3), np.zeros(3))
-
-    @property
-    def turns(self) -> bool:
-        """True if the trunk rotates."""
-        return bool(self.angular_velocity.any() or self.angular_acceleration.any())
+        return cls(gravity * direction / norm)
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +64,7 @@ class JointMotion:
 
 @dataclass(frozen=True, eq=False)
 class _Pattern:
-    """Structure of one output's row."""
+    """Structure of one joint's row."""
 
     columns: tuple[str, ...]  # names of all columns that can be nonzero, friction's last
     # (k, 3), which columns are computed, as of `torque_columns`; the other columns depend on these
@@ -96,146 +81,97 @@ def inertial_columns(links: tuple[str, ...]) -> tuple[str, ...]:
 class JointTorqueRegressor:
     """Computes one set of rows for each joint: inertial parameters of the links it moves, and its friction columns.
 
-    Columns that are always zero for this tree are left out (a knee's torque does not depend on the hip's mass),
-    separately for a rotating and a non-rotating trunk. Of the others only linearly independent ones are computed: a
-    hip's 23 columns have rank 17 in any motion. They are determined once, from random motion.
+    Columns that are always zero for this tree are left out (a knee's torque does not depend on the hip's mass). Of the
+    others only linearly independent ones are computed: a hip's 23 columns have rank 17 in any motion. They are
+    determined once, from random motion.
     """
 
     tree: Tree  # of the whole robot, or of one leg
     friction: FrictionModel = field(default_factory=FrictionModel)  # the joint-side columns to add, see `FrictionModel`
-    trunk_rows: bool = False  # also compute the six rows of the external wrench on the trunk, `force.*`, `moment.*`
-
-    @cached_property
-    def outputs(self) -> tuple[str, ...]:
-        """Names of the outputs: the six trunk rows if requested, then the joints."""
-        return (TRUNK_ROWS if self.trunk_rows else ()) + self.tree.joints
 
     @cached_property
     def columns(self) -> tuple[str, ...]:
-        """Names of all parameters: ten for each link (the trunk's too with `trunk_rows`), then the friction columns by
-        joint.
-        """
-        links = self.tree.links if self.trunk_rows else self.tree.links[1:]
-        return inertial_columns(links) + tuple(c for joint in self.tree.joints for c in self.friction.columns(joint))
+        """Names of all parameters: ten for each link but the trunk, then the friction columns by joint."""
+        friction = tuple(c for joint in self.tree.joints for c in self.friction.columns(joint))
+        return inertial_columns(self.tree.links[1:]) + friction
 
     def rows(
         self, joints: JointMotion, torque: Array, trunk: TrunkMotion | None = None, std: Array | float = 1.0
     ) -> Iterator[Rows]:
-        """Yields one `Rows` for each output, in the order of `outputs`. Raises IdentificationError: shapes that do not
-        fit the tree.
+        """Yields one `Rows` for each joint. Raises IdentificationError: shapes that do not fit the tree.
 
         Args:
             joints: motion of the tree's joints, (samples, joints).
-            torque: (samples, outputs) [N·m, N]: actuator torques of the joints, and the external wrench on the trunk.
+            torque: (samples, joints) [N·m], of the actuators.
             trunk: motion of the trunk; None for a level trunk held still.
-            std: noise of the torque, one number or one for each output [N·m, N].
+            std: noise of the torque, one number or one for each joint [N·m].
         """
-        if torque.shape != (len(joints), len(self.outputs)):
-            raise IdentificationError(
-                f"torque needs shape {(len(joints), len(self.outputs))} for {self.outputs}, got {torque.shape}"
-            )
-        noise = np.broadcast_to(std, len(self.outputs))
+        names = self.tree.joints
+        if torque.shape != (len(joints), len(names)):
+            raise IdentificationError(f"torque needs shape {(len(joints), len(names))} for {names}, got {torque.shape}")
+        noise = np.broadcast_to(std, len(names))
         for k, pattern, reduced in self._reduced(joints, trunk):
             yield Rows(pattern.columns, reduced, torque[:, k], float(noise[k]), pattern.mixing)
 
     def predict(self, joints: JointMotion, parameters: dict[str, float], trunk: TrunkMotion | None = None) -> Array:
-        """Torques [N·m] (and trunk wrench) given parameters, (samples, outputs); missing parameters count as zero."""
-        out = np.empty((len(joints), len(self.outputs)))
+        """Torques (samples, joints) [N·m] given parameters; missing ones count as zero."""
+        out = np.empty((len(joints), len(self.tree.joints)))
         for k, pattern, reduced in self._reduced(joints, trunk):
             out[:, k] = reduced @ (pattern.mixing @ [parameters.get(c, 0.0) for c in pattern.columns])
         return out
 
     def _reduced(self, joints: JointMotion, trunk: TrunkMotion | None) -> Iterator[tuple[int, _Pattern, Array]]:
-        """Yields output index, pattern and the computed columns (samples, k; column-major) for each output."""
+        """Yields index, pattern and the computed columns (samples, k; column-major) of each joint."""
         if joints.position.shape[1] != len(self.tree.joints):
             raise IdentificationError(
                 f"motion has {joints.position.shape[1]} joints, the tree {len(self.tree.joints)}: {self.tree.joints}"
             )
-        trunk = trunk or TrunkMotion.held()
-        turns = self.trunk_rows or trunk.turns
-        structure = _Structure.of(self.tree, self.friction, self.trunk_rows)
-        patterns = structure.patterns(turns)
-        computed = structure.computed(joints, trunk, np.concatenate([pattern.picks for pattern in patterns]))
-        begin = 0
+        patterns = _patterns(self.tree, self.friction)
+        picks = np.concatenate([pattern.picks for pattern in patterns])
+        computed, begin = _computed(self.tree, joints, trunk or TrunkMotion.held(), picks), 0
         for k, pattern in enumerate(patterns):
-            rigid, joint = len(pattern.picks), k - (len(TRUNK_ROWS) if self.trunk_rows else 0)
+            rigid = len(pattern.picks)
             block = computed[begin : begin + rigid]
             if len(pattern.mixing) > rigid:
                 block = np.concatenate([block, np.empty((len(pattern.mixing) - rigid, len(joints)))])
-                self.friction.fill(joints.velocity[:, joint], joints.acceleration[:, joint], block[rigid:])
+                self.friction.fill(joints.velocity[:, k], joints.acceleration[:, k], block[rigid:])
             yield k, pattern, block.T
             begin += rigid
 
 
-@dataclass(frozen=True, eq=False)
-class _Structure:
-    """What a regressor's rows have in common in any motion; the same for all regressors of a tree."""
+def _computed(tree: Tree, joints: JointMotion, trunk: TrunkMotion, picks: NDArray[np.int64]) -> Array:
+    """Columns of the rows, (k, samples), of some of the joints' and links' parameters (k, 3)."""
+    n = len(tree.joints)
+    states = np.stack([joints.position, joints.velocity, joints.acceleration], axis=2)
+    parents = np.array([p - 1 if p > 0 else n for p in tree.parents], dtype=np.int64)
+    turns, arms, axes = (np.array(x) for x in (tree.rotations, tree.translations, tree.axes))
+    force, out = np.array(np.atleast_2d(trunk.specific_force)), np.empty((len(picks), len(joints)))
+    torque_columns(parents, turns, arms, axes, states, force, np.ascontiguousarray(picks), out)
+    return out
 
-    tree: Tree
-    friction: FrictionModel
-    trunk_rows: bool
 
-    @staticmethod
-    @lru_cache(maxsize=64)
-    def of(tree: Tree, friction: FrictionModel, trunk_rows: bool) -> _Structure:
-        """The structure, cached."""
-        return _Structure(tree, friction, trunk_rows)
-
-    def patterns(self, turning: bool) -> tuple[_Pattern, ...]:
-        """By output, for a trunk that rotates or not."""
-        return self._turning if turning else self._held
-
-    def computed(self, joints: JointMotion, trunk: TrunkMotion, picks: NDArray[np.int64]) -> Array:
-        """Columns of the rows, (k, samples), of some of the outputs' and links' parameters (k, 3)."""
-        tree, n, samples = self.tree, len(self.tree.joints), len(joints)
-        given = trunk.angular_velocity, trunk.angular_acceleration, trunk.specific_force
-        varies = any(values.ndim > 1 for values in given)
-        states, motion = np.empty((samples, n, 3)), np.empty((samples if varies else 1, 3, 3))
-        for k, values in enumerate((joints.position, joints.velocity, joints.acceleration)):
-            states[:, :, k] = values
-        for k, values in enumerate(given):
-            motion[:, k] = values
-        parents = np.array([p - 1 if p > 0 else n for p in tree.parents], dtype=np.int64)
-        turns, arms, axes = (np.array(x) for x in (tree.rotations, tree.translations, tree.axes))
-        slides, out = np.zeros(n, dtype=bool), np.empty((len(picks), samples))
-        torque_columns(parents, turns, arms, axes, slides, states, motion, np.ascontiguousarray(picks), out)
-        return out
-
-    @cached_property
-    def _held(self) -> tuple[_Pattern, ...]:
-        return self._patterns(turning=False)
-
-    @cached_property
-    def _turning(self) -> tuple[_Pattern, ...]:
-        return self._patterns(turning=True)
-
-    def _patterns(self, *, turning: bool) -> tuple[_Pattern, ...]:
-        """The nonzero columns of each output and their linear dependence, determined from random motion of the joints
-        and of a trunk that either turns or only has a specific force.
-        """
-        rng = np.random.default_rng(0)
-        samples = 20 * len(self.tree.links) + 40
-        motion = JointMotion(*rng.uniform(-2.0, 2.0, (3, samples, len(self.tree.joints))))
-        force, omega, alpha = rng.uniform(-3.0, 3.0, (3, samples, 3))
-        trunk = TrunkMotion(force, omega, alpha) if turning else TrunkMotion(force, np.zeros(3), np.zeros(3))
-        outputs = len(self.tree.joints) + (len(TRUNK_ROWS) if self.trunk_rows else 0)
-        return tuple(self._pattern(k, motion, trunk) for k in range(outputs))
-
-    def _pattern(self, output: int, motion: JointMotion, trunk: TrunkMotion) -> _Pattern:
-        n, joint = len(self.tree.joints), output - (len(TRUNK_ROWS) if self.trunk_rows else 0)
-        row = joint if joint >= 0 else n + output
-        moved = [j for j in range(n) if joint < 0 or joint in self.tree.ancestors(j)]
-        links = [n, *moved] if joint < 0 else moved  # the trunk's first
-        every = np.array([(row, j, c) for j in links for c in range(len(ORDER))], dtype=np.int64)
-        full = self.computed(motion, trunk, every)
+@lru_cache(maxsize=64)
+def _patterns(tree: Tree, friction: FrictionModel) -> tuple[_Pattern, ...]:
+    """The nonzero columns of each joint and their linear dependence, determined from random motion of the joints and
+    random specific force of the trunk.
+    """
+    rng, n, found = np.random.default_rng(0), len(tree.joints), []
+    samples = 20 * len(tree.links) + 40
+    motion = JointMotion(*rng.uniform(-2.0, 2.0, (3, samples, n)))
+    trunk = TrunkMotion(rng.uniform(-3.0, 3.0, (samples, 3)))
+    for joint, name in enumerate(tree.joints):
+        moved = [j for j in range(n) if joint in tree.ancestors(j)]
+        every = np.array([(joint, j, c) for j in moved for c in range(len(ORDER))], dtype=np.int64)
+        full = _computed(tree, motion, trunk, every)
         present = np.abs(full).max(axis=1) > NOTHING
         kept, mixing = _independent(full[present].T)
         named = every[present]
-        names = tuple(f"{self.tree.links[(j + 1) % (n + 1)]}.{ORDER[c]}" for _, j, c in named)
-        extra = self.friction.columns(self.tree.joints[joint]) if joint >= 0 else ()
+        names = tuple(f"{tree.links[j + 1]}.{ORDER[c]}" for _, j, c in named)
+        extra = friction.columns(name)
         whole = np.eye(len(mixing) + len(extra), len(names) + len(extra), len(names) - len(mixing))
         whole[: len(mixing), : len(names)] = mixing
-        return _Pattern(names + extra, named[kept], whole)
+        found.append(_Pattern(names + extra, named[kept], whole))
+    return tuple(found)
 
 
 def _independent(matrix: Array) -> tuple[list[int], Array]:
