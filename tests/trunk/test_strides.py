@@ -8,9 +8,9 @@ import pytest
 from stadera import load_robot
 from stadera.body import Body
 from stadera.constants import GRAVITY
-from stadera.trunk.lifted import Lifted
 from stadera.trunk.segment import RowSums
 from stadera.trunk.settings import SwingDetection
+from stadera.trunk.swing import Lifted
 
 GO2 = load_robot("go2")
 EDGES = np.array([0, 10, 20, 30])

@@ -8,6 +8,7 @@ the usual way, in which signals are filtered first. The ground is assumed level,
 from abc import abstractmethod
 from collections import deque
 from collections.abc import Mapping, Sequence
+from itertools import pairwise
 from math import exp
 from types import MappingProxyType
 
@@ -68,8 +69,8 @@ class SignalBaseline(StepEstimator):
         for stretch in self._buffer.take(table):
             if stretch.reason:
                 self._refuse(stretch.reason)
-            for block in stretch.blocks:
-                self._block(Samples.of_table(block, len(self.robot.tree.joints)))
+            for begin, end in pairwise(stretch.edges):
+                self._block(Samples.of_table(stretch.table[begin : end + 2], len(self.robot.tree.joints)))
 
     def estimate(self) -> TrunkEstimate:
         """The latest estimate; after a refusal the last good one, with the reason."""

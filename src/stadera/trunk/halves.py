@@ -11,10 +11,10 @@ from stadera.body import Body, Motion, State
 from stadera.body.friction import direction
 from stadera.body.kernel import evaluate
 from stadera.compiled import load
-from stadera.trunk.lifted import Lifted
 from stadera.trunk.limbs import LIMB_SUMS, LimbRows
 from stadera.trunk.noise import Variances
 from stadera.trunk.samples import Samples
+from stadera.trunk.swing import Lifted
 from stadera.trunk.window import Window, block_sums
 from stadera.trunk.wrench import SIGNALS, trunk_signals
 from stadera.types import Array, Bools

@@ -56,22 +56,6 @@ class TrunkModel:
         return cls.of(robot.inertias[robot.trunk])
 
 
-@dataclass(frozen=True)
-class PlausibleRange:
-    """Range in which a trunk is plausible, relative to the model's.
-
-    Attributes:
-        least_mass: as a share of the model's trunk.
-        most_load: largest load on the trunk, as a share of the model's robot.
-        height: distance of the centre of mass above and below the hips, as a share of their height above the feet; of
-            a robot whose trunk stands upright on them, above the model's centre of mass.
-    """
-
-    least_mass: float = 0.1
-    most_load: float = 2.0
-    height: float = 0.5
-
-
 @dataclass(frozen=True, eq=False)
 class TrunkBounds:
     """Bounds for a plausible trunk: a range of masses and a box for the centre of mass, trunk frame.
@@ -92,7 +76,7 @@ class TrunkBounds:
 
     @classmethod
     @lru_cache(maxsize=16)
-    def of(cls, robot: Robot, plausible: PlausibleRange | None = None) -> TrunkBounds:
+    def of(cls, robot: Robot) -> TrunkBounds:
         """Computes the bounds from the robot's model.
 
         In x and y the box is the rectangle of the feet in the nominal stance (a trunk balanced outside it could not
@@ -101,14 +85,13 @@ class TrunkBounds:
         box on the back of a G1 raises its centre, 0.14 m above the hips without, to 0.25 m. The mass ranges from a
         tenth of the prior trunk to the prior trunk plus twice the robot's mass.
         """
-        plausible = plausible or PlausibleRange()
         feet, hips = _feet_of(robot), robot.hips
         level = float(hips[:, 2].mean())
-        reach = plausible.height * (level - float(feet[:, 2].mean()))
+        reach = 0.5 * (level - float(feet[:, 2].mean()))
         prior = robot.inertias[robot.trunk]
         top = level if robot.quadruped else max(level, float(prior.com[2]))
         return cls(
-            mass=(plausible.least_mass * prior.mass, prior.mass + plausible.most_load * robot.mass),
+            mass=(0.1 * prior.mass, prior.mass + 2.0 * robot.mass),
             low=np.array([*feet[:, :2].min(axis=0), level - reach]),
             high=np.array([*feet[:, :2].max(axis=0), top + reach]),
         )

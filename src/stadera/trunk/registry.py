@@ -10,6 +10,7 @@ import importlib.util
 import inspect
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from importlib import import_module
 from importlib.metadata import entry_points
 from pathlib import Path
 from types import MappingProxyType
@@ -80,39 +81,28 @@ def _orientation(setup: Setup) -> Weigher:
     return OrientationCom(setup.robot, setup.posture, setup.start, setup.forces)
 
 
-def _contact(setup: Setup) -> Weigher:
-    from stadera.lab.laws.recursive import ContactCom
+def _law(module: str, name: str, settings: str = "") -> Callable[[Setup], Weigher]:
+    """Constructs one of the laboratory's laws, perhaps with settings, which are imported when first asked for."""
 
-    return ContactCom(setup.robot, setup.start, setup.forces)
+    def make(setup: Setup) -> Weigher:
+        laws = import_module(f"stadera.lab.laws.{module}")
+        more = [getattr(laws, settings)] if settings else []
+        law: Weigher = getattr(laws, name)(setup.robot, setup.start, setup.forces, *more)
+        return law
 
-
-def _poses(setup: Setup) -> Weigher:
-    from stadera.lab.laws.poses import PosesCom
-
-    return PosesCom(setup.robot, setup.start, setup.forces)
-
-
-def _combined(setup: Setup) -> Weigher:
-    from stadera.lab.laws.poses import COMBINED, PosesCom
-
-    return PosesCom(setup.robot, setup.start, setup.forces, COMBINED)
+    return make
 
 
 METHODS: Mapping[str, Method] = MappingProxyType(
     {
-        "poses": Method(
-            "least squares over static poses",
-            _poses,
-            needs_imu=False,
-            at_rest=True,
-        ),
+        "poses": Method("least squares over static poses", _law("poses", "PosesCom"), needs_imu=False, at_rest=True),
         "orientation": Method(
             "steps by the trunk's orientation error under a known controller", _orientation, at_rest=True
         ),
-        "contact": Method("steps by the contact forces' line of action", _contact, at_rest=True),
+        "contact": Method("steps by the contact forces' line of action", _law("recursive", "ContactCom"), at_rest=True),
         "combined": Method(
             "static poses, with torque offsets and feet as unknowns",
-            _combined,
+            _law("poses", "PosesCom", "COMBINED"),
             needs_imu=False,
             at_rest=True,
         ),

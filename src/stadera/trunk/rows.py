@@ -44,12 +44,11 @@ from stadera.trunk.block_rows import BlockRows, SwingRows
 from stadera.trunk.error_model import ErrorLayout
 from stadera.trunk.ground import turned
 from stadera.trunk.halves import SUMMED, TERMS, HalfWindows, Sums
-from stadera.trunk.lately import Lately
-from stadera.trunk.lifted import Lifted
 from stadera.trunk.limbs import LimbRows, by_mass_and_centre
-from stadera.trunk.noise import Variances, WhiteNoise
+from stadera.trunk.noise import Lately, Variances, WhiteNoise
 from stadera.trunk.samples import Samples
 from stadera.trunk.settings import SwingDetection
+from stadera.trunk.swing import Lifted
 from stadera.trunk.window import Window, window_of
 from stadera.trunk.wrench import (
     SIGNALS,

@@ -129,11 +129,6 @@ class Stretch:
     gap: float = 0.0
     begin: float = nan
 
-    @property
-    def blocks(self) -> Iterator[Array]:
-        """The table of each block with one more sample before and after it."""
-        return (self.table[begin : end + 2] for begin, end in pairwise(self.edges))
-
 
 class SampleBuffer:
     """Collects samples until a block is full.
