@@ -13,6 +13,7 @@ from stadera.body import Motion as BodyMotion
 from stadera.errors import MissingExtraError, ModelError
 from stadera.inertia import skew
 from stadera.lab.laws.equilibrium import wrench_slope
+from stadera.lab.laws.noise import ForceNoise
 from stadera.lab.laws.static import white_covariance
 from stadera.lab.pinocchio import pinocchio_model
 from stadera.robot import JointDynamics, Robot, load_robot
@@ -20,7 +21,6 @@ from stadera.robot.kinematics import foot_positions
 from stadera.robot.stance import standing_configuration
 from stadera.trunk import (
     ContactForceEstimator,
-    ForceNoise,
     Measurement,
     ground_normal,
 )
@@ -130,7 +130,7 @@ def test_one_sample_and_many_agree_in_motion_without_acceleration() -> None:
 def test_slopes_and_covariance_of_torques_by_finite_differences() -> None:
     robot = load_robot("hyq")
     noise = ForceNoise(np.arange(1.0, 13.0), np.full(12, 0.5))
-    estimator = ContactForceEstimator(robot, noise)
+    estimator = ContactForceEstimator(robot)
     measurement = Motion(robot, 0, moving=0.0).measurement()
     at = estimator.at(measurement)
     jacobian = np.empty((6, 12))
@@ -142,7 +142,7 @@ def test_slopes_and_covariance_of_torques_by_finite_differences() -> None:
     variance = np.empty(12)
     variance[order] = noise.torque_white**2
     expected = jacobian * variance @ jacobian.T
-    np.testing.assert_allclose(white_covariance(at), expected, rtol=1e-6, atol=1e-8)
+    np.testing.assert_allclose(white_covariance(at, noise), expected, rtol=1e-6, atol=1e-8)
     np.testing.assert_allclose(wrench_slope(at)[:, :12], jacobian[:, order], rtol=1e-6, atol=1e-6)
 
 

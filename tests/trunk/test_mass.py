@@ -10,6 +10,7 @@ import pytest
 
 from stadera.lab.control.stand import TestBed
 from stadera.lab.control.trunk import TrunkController
+from stadera.lab.laws.noise import ForceNoise, NoisyForces
 from stadera.lab.laws.static import MassEstimator, MassSettings
 from stadera.lab.plant.payload import RigidMass
 from stadera.lab.plant.plant import Plant
@@ -19,7 +20,6 @@ from stadera.robot import load_robot
 from stadera.robot.imu import ImuMount
 from stadera.robot.stance import standing_configuration
 from stadera.trunk import Measurement, Status, TrunkEstimate, TrunkModel
-from stadera.trunk.standing.forces import ContactForceEstimator, ForceNoise
 
 ROBOT = load_robot("hyq")
 
@@ -76,7 +76,7 @@ def test_its_standard_deviation_is_what_the_torques_constant_errors_do(standing:
 
     def weighed(shift: np.ndarray) -> TrunkEstimate:
         moved = [replace(m, effort=m.effort + shift) for m in still]
-        return fed(MassEstimator(ROBOT, forces=ContactForceEstimator(ROBOT, noise)), moved).estimate()
+        return fed(MassEstimator(ROBOT, forces=NoisyForces(ROBOT, noise)), moved).estimate()
 
     bare = weighed(np.zeros(12))
     felt = [weighed(size * one).trunk.mass - bare.trunk.mass for one in np.eye(12)]

@@ -10,12 +10,12 @@ from scipy.spatial.transform import Rotation
 
 from stadera.inertia import InertialParameters
 from stadera.lab.laws.equilibrium import constant_errors_of, equilibrium_rows, error_slope, wrench_slope
+from stadera.lab.laws.noise import NoisyForces
 from stadera.lab.laws.poses import COMBINED, PosesCom
 from stadera.lab.laws.static_poses import PoseOffset, standing_still, static_poses
 from stadera.robot import Robot, load_robot
 from stadera.robot.kinematics import foot_positions
 from stadera.trunk import Measurement
-from stadera.trunk.standing.forces import ContactForceEstimator
 from standing import GRAVITY, StandingRobot
 
 ROBOT = load_robot("hyq")
@@ -45,7 +45,7 @@ def fed(
 
 
 def test_the_truth_solves_the_equations() -> None:
-    forces = ContactForceEstimator(ROBOT)
+    forces = NoisyForces(ROBOT)
     theta = np.array([TRUTH.trunk_mass, *(TRUTH.trunk_mass * TRUTH.trunk_com), *np.zeros(ERRORS)])
     for pose in POSES:
         matrix, target = equilibrium_rows(forces, held(pose), 1.0, np.zeros(ERRORS))
@@ -53,7 +53,7 @@ def test_the_truth_solves_the_equations() -> None:
 
 
 def test_wrench_slopes_are_finite_differences() -> None:
-    source, m = ContactForceEstimator(ROBOT), held(POSES[3])
+    source, m = NoisyForces(ROBOT), held(POSES[3])
     feet = foot_positions(ROBOT, m.joint_position[None])[0]
     m = replace(m, foot_position=feet)
     slope, columns = wrench_slope(source.at(m)), source.body.in_legs.reshape(4, 3)
@@ -76,12 +76,12 @@ def test_slopes_of_the_legs_masses_are_finite_differences() -> None:
     assert m.rotation is not None
 
     def told(robot: Robot) -> np.ndarray:
-        source = ContactForceEstimator(robot)
+        source = NoisyForces(robot)
         forces = source.at(m)
         held_up = np.concatenate([source.leg_mass * m.up, np.cross(forces.weights.moment, m.up)]) * GRAVITY
         return forces.wrench - held_up
 
-    slope = error_slope(ContactForceEstimator(ROBOT).at(m), ROBOT, m.up)[:, PLACES["link_mass"]]
+    slope = error_slope(NoisyForces(ROBOT).at(m), ROBOT, m.up)[:, PLACES["link_mass"]]
     before = told(ROBOT)
     for k, link in enumerate(ROBOT.tree.links[1:]):
         heavier = InertialParameters((1.0 + share) * ROBOT.inertias[link].vector)
@@ -93,7 +93,7 @@ def test_rows_know_the_errors_that_made_them() -> None:
     """Rows made linear at the errors that are there have the truth as their solution."""
     rng = np.random.default_rng(3)
     torque, feet, turn = rng.normal(0, 5, 12), rng.normal(0, 0.02, (4, 3)), rng.normal(0, 0.005, 3)
-    source, m = ContactForceEstimator(ROBOT), held(POSES[4])
+    source, m = NoisyForces(ROBOT), held(POSES[4])
     assert m.rotation is not None
     effort = m.effort.copy()
     effort[source.body.in_legs] += torque

@@ -9,6 +9,7 @@ import pytest
 
 from stadera.errors import ModelError, RecordingError, StaderaError, UnknownNameError
 from stadera.inertia import InertialParameters
+from stadera.lab.laws.noise import ForceNoise
 from stadera.lab.laws.static import MassEstimator
 from stadera.lab.plant.plant import Plant
 from stadera.lab.plant.sensors import IDEAL, SensorReading, Sensors, measurement_of, recording_of
@@ -19,7 +20,6 @@ from stadera.robot.imu import ImuMount
 from stadera.robot.stance import standing_configuration
 from stadera.trunk import (
     Estimator,
-    ForceNoise,
     ImplausibleError,
     StaticLimits,
     Status,

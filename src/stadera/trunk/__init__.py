@@ -11,14 +11,13 @@ from stadera.trunk.result import TrunkParameters, unobserved
 from stadera.trunk.samples import Samples
 from stadera.trunk.settings import ChangeSettings, ModelErrors, OutlierSettings, SwingDetection, TrunkSettings
 from stadera.trunk.standing.detection import StaticDetector, StaticLimits
-from stadera.trunk.standing.forces import ContactForceEstimator, ForceNoise
+from stadera.trunk.standing.forces import ContactForceEstimator
 
 __all__ = [
     "METHODS",
     "ChangeSettings",
     "ContactForceEstimator",
     "Estimator",
-    "ForceNoise",
     "ImplausibleError",
     "LoadChange",
     "Measurement",

@@ -24,9 +24,9 @@ from stadera.trunk.model import TrunkModel
 from stadera.trunk.protocol import OwnEstimator, Weigher
 from stadera.trunk.settings import TrunkSettings
 from stadera.trunk.standing.estimator import StandingEstimator
-from stadera.trunk.standing.forces import ContactForceEstimator
 
 if TYPE_CHECKING:
+    from stadera.lab.laws.noise import NoisyForces
     from stadera.lab.laws.orientation import PostureLaw
 
 GROUP = "stadera.estimators"
@@ -40,7 +40,7 @@ class Setup:
     Attributes:
         robot: the model of the legs.
         start: initial estimate; None for the robot's own trunk.
-        forces: estimator of contact forces; None for a new one.
+        forces: estimator of contact forces, for the laboratory's laws; None for a new one.
         posture: control law that holds the trunk, for methods that need it; None if unknown.
         mount: of the IMU that supplies the values; None for the model's.
         settings: of the estimator for any motion; None for the defaults.
@@ -49,7 +49,7 @@ class Setup:
 
     robot: Robot
     start: TrunkModel | None = None
-    forces: ContactForceEstimator | None = None
+    forces: NoisyForces | None = None
     posture: PostureLaw | None = None
     mount: ImuMount | None = None
     settings: TrunkSettings | None = None

@@ -10,12 +10,13 @@ from scipy.spatial.transform import Rotation
 from lab.control.testbed import ROBOTS, bed, load_of, moved, robot_named
 from stadera.lab.control.reference import TrunkPose
 from stadera.lab.control.trunk import TrunkGains, composite
+from stadera.lab.laws.noise import NoisyForces
 from stadera.lab.laws.static import MassEstimator, MassSettings
 from stadera.lab.plant.payload import VirtualForce
 from stadera.lab.plant.sensors import STANDARD
 from stadera.lab.plant.terrain import Terrain
 from stadera.robot.stance import standing_configuration
-from stadera.trunk import ContactForceEstimator, TrunkModel
+from stadera.trunk import TrunkModel
 
 STAND_CASES = [(0.0, 0.0), (10.0, 0.06), (15.0, 0.12)]
 WRONG_SHARES = [(0.4, -0.3), (-0.3, 0.4)]
@@ -134,7 +135,7 @@ def test_forces_from_torques_are_the_plants(name: str) -> None:
     test = bed(robot, terrain=Terrain(slope=np.deg2rad(12.0), heading=1.0), payload=load_of(robot, 0.12))
     test.run(1.0)
     test.step()
-    estimator = ContactForceEstimator(robot)
+    estimator = NoisyForces(robot)
     measurement, truth = test.measurement, test.plant.state
     assert measurement is not None
     found = estimator.at(measurement)
@@ -163,7 +164,7 @@ def test_an_estimator_is_fed_and_heard() -> None:
         payload=load_of(robot, 0.06),
         trunk=lambda _: prior,
         estimator=lambda controller: MassEstimator(
-            robot, forces=ContactForceEstimator(robot), settings=MassSettings(time_constant=0.1)
+            robot, forces=NoisyForces(robot), settings=MassSettings(time_constant=0.1)
         ),
         feed_back=True,
         every=4,

@@ -7,10 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from stadera.lab.laws.noise import NoisyForces
 from stadera.lab.laws.static_poses import PoseOffset, standing_still
 from stadera.lab.supervise.weighing import Stage, StandingWeighing
 from stadera.robot import load_robot
-from stadera.trunk import ContactForceEstimator, TrunkModel
+from stadera.trunk import TrunkModel
 
 HYQ = load_robot("hyq")
 PERIOD = 0.01
@@ -21,7 +22,7 @@ def test_static_poses_are_led_through_and_left_again():
     # what is believed at first is wrong, the height too
     prior = TrunkModel.prior(HYQ)
     wrong = TrunkModel(prior.mass, prior.com_trunk + np.array([0.03, -0.02, 0.05]))
-    forces = ContactForceEstimator(HYQ)
+    forces = NoisyForces(HYQ)
     weighing = StandingWeighing(forces, wrong, 0.0, lean=lambda pose, duration: asked.append(pose))
     poses = {0: standing_still(HYQ, PoseOffset())}
     for k in range(2000):

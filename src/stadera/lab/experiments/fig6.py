@@ -9,6 +9,7 @@ from stadera.lab.control.stand import TestBed
 from stadera.lab.control.trunk import TrunkController
 from stadera.lab.experiments.runner import ExperimentResult, Paper, Record, ReproduceSettings, crossed
 from stadera.lab.experiments.standing import load_point
+from stadera.lab.laws.noise import NoisyForces
 from stadera.lab.laws.recursive import ContactCom, LawSettings, settling_time
 from stadera.lab.plant.payload import VirtualForce
 from stadera.lab.plant.plant import Plant
@@ -16,7 +17,6 @@ from stadera.lab.plant.sensors import IDEAL, Sensors
 from stadera.report.figures import Axis, Figure, Guide, Panel, Series, line, stacked
 from stadera.robot import load_robot
 from stadera.robot.stance import standing_configuration
-from stadera.trunk import ContactForceEstimator
 from stadera.types import Array
 
 PAPER = Paper.of("fig6")
@@ -71,7 +71,7 @@ def trajectory(case: Fig6Case) -> Settling:
     plant = Plant(robot)
     plant.reset(standing_configuration(robot))
     controller = TrunkController(robot)
-    forces = ContactForceEstimator(robot)
+    forces = NoisyForces(robot)
     estimator = ContactCom(robot, forces=forces, settings=LawSettings(settling=case.settling))
     bed = TestBed(plant, Sensors(IDEAL, case.seed, robot), controller, estimator, feed_back=True)
     bed.run(_HOW.before)

@@ -17,6 +17,7 @@ import numpy as np
 from stadera.lab.control.reference import TrunkPose
 from stadera.lab.control.stand import TestBed
 from stadera.lab.control.trunk import TrunkController
+from stadera.lab.laws.noise import NoisyForces
 from stadera.lab.laws.orientation import PostureLaw
 from stadera.lab.laws.recursive import RecursiveCom
 from stadera.lab.laws.static import MassEstimator
@@ -27,7 +28,7 @@ from stadera.lab.plant.sensors import IDEAL, Gaussian, SensorErrors, Sensors, pl
 from stadera.lab.plant.terrain import Terrain
 from stadera.robot import Robot, load_robot
 from stadera.robot.stance import standing_configuration
-from stadera.trunk import ContactForceEstimator, Estimator, Measurement, Status, TrunkModel
+from stadera.trunk import Estimator, Measurement, Status, TrunkModel
 from stadera.trunk.registry import Setup, make_estimator
 from stadera.types import Array
 
@@ -190,7 +191,7 @@ class _StandingRun:
         controller = self.controller = kind(self.robot, trunk=self.start, by_encoders=True)
         sensors = Sensors(case.errors, case.seed, self.robot)
         self.bed = TestBed(plant, sensors, controller, feed_back=True, every=case.every)
-        self.forces = ContactForceEstimator(self.robot)
+        self.forces = NoisyForces(self.robot)
         self.estimator: Estimator = MassEstimator(self.robot, self.start, self.forces)
         self._one_pose: tuple[Array, Array] | None = None
 

@@ -32,9 +32,10 @@ import numpy as np
 from stadera.constants import GRAVITY
 from stadera.inertia import skew
 from stadera.information import Unknowns
+from stadera.lab.laws.noise import NoisyForces
 from stadera.robot.model import Robot
 from stadera.trunk.measurement import Measurement
-from stadera.trunk.standing.forces import ContactForceEstimator, ContactForces, vertical_by_forces
+from stadera.trunk.standing.forces import ContactForces, vertical_by_forces
 from stadera.types import Array
 
 
@@ -96,7 +97,7 @@ def weight_felt(forces: ContactForces, robot: Robot, up: Array) -> Array:
 
 
 def equilibrium_rows(
-    forces_of: ContactForceEstimator,
+    forces_of: NoisyForces,
     measurement: Measurement,
     count: float,
     errors: Array,
@@ -134,8 +135,8 @@ def equilibrium_rows(
     by_error[np.arange(6, len(matrix)), torque.start + swing] = 1.0
     value[:6] = forces.wrench - forces.weights.own @ (GRAVITY * up)
     value[6:] = forces.left[swing]
-    white, slope = forces.noise.torque_white**2 / count, wrench_slope(forces)
-    covariance = np.eye(len(matrix)) * (forces.noise.repeatable * robot.mass * GRAVITY) ** 2
+    white, slope = forces_of.noise.torque_white**2 / count, wrench_slope(forces)
+    covariance = np.eye(len(matrix)) * (forces_of.noise.repeatable * robot.mass * GRAVITY) ** 2
     covariance[:6, :6] += (slope[:, torque] * white) @ slope[:, torque].T
     if effort_covariance is not None and count >= fewest:
         scatter = slope[:, torque] @ effort_covariance[np.ix_(body.in_legs, body.in_legs)] @ slope[:, torque].T
@@ -169,9 +170,7 @@ def _at_least(explained: Array, scatter: Array) -> Array:
     return np.asarray((wide * np.maximum(sizes, 1.0)) @ wide.T)
 
 
-def _without(
-    m: Measurement, errors: Array, forces_of: ContactForceEstimator, places: Unknowns
-) -> tuple[Measurement, Array]:
+def _without(m: Measurement, errors: Array, forces_of: NoisyForces, places: Unknowns) -> tuple[Measurement, Array]:
     """The measurement at rest after subtracting these errors, and its vertical."""
     effort, foot, turn = m.effort.copy(), errors[places["foot"]].reshape(-1, 3), errors[places["vertical"]]
     effort[forces_of.body.in_legs] -= errors[places["torque"]]

@@ -33,11 +33,12 @@ from scipy.spatial.transform import Rotation
 from stadera.constants import GRAVITY
 from stadera.inertia import skew
 from stadera.lab.laws.equilibrium import constant_errors_of
+from stadera.lab.laws.noise import NoisyForces
 from stadera.lab.laws.recursive import Instant, LawSettings, RecursiveCom, step_size
 from stadera.robot.model import Robot
 from stadera.trunk.measurement import Measurement
 from stadera.trunk.model import TrunkModel
-from stadera.trunk.standing.forces import ContactForceEstimator, ContactForces
+from stadera.trunk.standing.forces import ContactForces
 from stadera.types import Array
 
 
@@ -62,7 +63,7 @@ class OrientationCom(RecursiveCom):
         robot: Robot,
         posture: PostureLaw,
         start: TrunkModel | None = None,
-        forces: ContactForceEstimator | None = None,
+        forces: NoisyForces | None = None,
         settings: LawSettings | None = None,
     ) -> None:
         super().__init__(robot, start, forces, settings)

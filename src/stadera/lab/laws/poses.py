@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from stadera.constants import GRAVITY
 from stadera.information import Information, Unknowns
 from stadera.lab.laws.equilibrium import constant_errors_of, equilibrium_rows
+from stadera.lab.laws.noise import ForceNoise, NoisyForces
 from stadera.lab.laws.static import StaticEstimator, stated_errors
 from stadera.robot.model import Robot
 from stadera.trunk.load import centre_slope
@@ -28,7 +29,7 @@ from stadera.trunk.measurement import Measurement
 from stadera.trunk.model import TrunkBounds, TrunkModel
 from stadera.trunk.protocol import TrunkEstimate, unobserved
 from stadera.trunk.standing.detection import StaticLimits
-from stadera.trunk.standing.forces import ContactForceEstimator, ContactForces, ForceNoise
+from stadera.trunk.standing.forces import ContactForces
 from stadera.types import Array
 
 SETTLED = StaticLimits(joint_velocity=0.02, quiet=0.5)
@@ -135,7 +136,7 @@ class PosesCom(StaticEstimator):
         self,
         robot: Robot,
         start: TrunkModel | None = None,
-        forces: ContactForceEstimator | None = None,
+        forces: NoisyForces | None = None,
         settings: PosesSettings | None = None,
     ) -> None:
         self.settings = settings or PosesSettings()
@@ -230,7 +231,7 @@ def _conditioned(value: Array, covariance: Array, fixed: NDArray[np.intp], at: A
 
 def with_poses(
     known: Information,
-    forces: ContactForceEstimator,
+    forces: NoisyForces,
     poses: Iterable[PoseMean],
     errors: Array | None = None,
 ) -> Information:

@@ -45,13 +45,14 @@ from stadera.constants import GRAVITY
 from stadera.errors import IdentificationError
 from stadera.inertia import skew
 from stadera.lab.laws.equilibrium import error_slope
+from stadera.lab.laws.noise import NoisyForces
 from stadera.lab.laws.static import StaticEstimator, white_covariance
 from stadera.robot.model import Robot
 from stadera.trunk.measurement import Measurement
 from stadera.trunk.model import TrunkModel
 from stadera.trunk.protocol import unobserved
 from stadera.trunk.standing.detection import StaticLimits
-from stadera.trunk.standing.forces import ContactForceEstimator, ContactForces
+from stadera.trunk.standing.forces import ContactForces
 from stadera.types import Array
 
 STEP, PERIOD = 0.002, 0.001
@@ -166,7 +167,7 @@ class RecursiveCom(StaticEstimator):
         self,
         robot: Robot,
         start: TrunkModel | None = None,
-        forces: ContactForceEstimator | None = None,
+        forces: NoisyForces | None = None,
         settings: LawSettings | None = None,
     ) -> None:
         self.settings = settings or LawSettings()
@@ -268,7 +269,7 @@ class RecursiveCom(StaticEstimator):
     def _white(self, instant: Instant) -> Array:
         """Covariance (4, 4) due to the torques' white noise; steps β leave β / (2 - β) of its variance."""
         slope, share = instant.from_wrench, self._step / (2.0 - self._step)
-        return np.asarray(share * slope @ white_covariance(instant.forces) @ slope.T)
+        return np.asarray(share * slope @ white_covariance(instant.forces, self.forces.noise) @ slope.T)
 
 
 _NOT_TILTED = f"the height is observable in a trunk tilted by {np.rad2deg(LEAST_TILT):.0f}° since the plane was found"

@@ -17,12 +17,13 @@ import numpy as np
 
 from stadera.constants import GRAVITY
 from stadera.lab.laws.equilibrium import constant_errors_of, felt_by_mass, wrench_slope
+from stadera.lab.laws.noise import ForceNoise, NoisyForces
 from stadera.robot.model import Robot
 from stadera.trunk.measurement import Measurement
 from stadera.trunk.model import ImplausibleError, TrunkBounds, TrunkModel
 from stadera.trunk.protocol import Status, StepEstimator, TrunkEstimate, unobserved
 from stadera.trunk.standing.detection import StaticDetector, StaticLimits
-from stadera.trunk.standing.forces import ContactForceEstimator, ContactForces, ForceNoise
+from stadera.trunk.standing.forces import ContactForces
 from stadera.types import Array
 
 
@@ -35,9 +36,9 @@ def stated_errors(robot: Robot, noise: ForceNoise) -> Array:
     return np.maximum(std, 1e-9)
 
 
-def white_covariance(forces: ContactForces) -> Array:
+def white_covariance(forces: ContactForces, noise: ForceNoise) -> Array:
     """Covariance (6, 6) of the feet's wrench due to the torques' white noise."""
-    scaled = wrench_slope(forces)[:, : len(forces.left)] * forces.noise.torque_white
+    scaled = wrench_slope(forces)[:, : len(forces.left)] * noise.torque_white
     return np.asarray(scaled @ scaled.T)
 
 
@@ -54,10 +55,10 @@ class StaticEstimator(StepEstimator):
         self,
         robot: Robot,
         start: TrunkModel | None = None,
-        forces: ContactForceEstimator | None = None,
+        forces: NoisyForces | None = None,
         limits: StaticLimits | None = None,
     ) -> None:
-        self.robot, self.forces = robot, forces or ContactForceEstimator(robot)
+        self.robot, self.forces = robot, forces or NoisyForces(robot)
         self._error_std = stated_errors(robot, self.forces.noise)
         self.bounds = TrunkBounds.of(robot)
         self.gate = StaticDetector(robot, limits)
@@ -139,7 +140,7 @@ class MassEstimator(StaticEstimator):
         self,
         robot: Robot,
         start: TrunkModel | None = None,
-        forces: ContactForceEstimator | None = None,
+        forces: NoisyForces | None = None,
         settings: MassSettings | None = None,
     ) -> None:
         super().__init__(robot, start, forces)
@@ -153,7 +154,7 @@ class MassEstimator(StaticEstimator):
         time, up = measurement.time, measurement.up
         self._average(time, float(up @ forces.wrench[:3]) / GRAVITY)
         if self._sample_variance == 0.0:
-            self._sample_variance = float(up @ white_covariance(forces)[:3, :3] @ up) / GRAVITY**2
+            self._sample_variance = float(up @ white_covariance(forces, self.forces.noise)[:3, :3] @ up) / GRAVITY**2
         rested = time - self._since >= self.settings.settled * self.settings.time_constant
         noise = sqrt(self._sample_variance * self._squared_weights * self.settings.faster)
         steady = abs(self._fast - self._slow) < self.settings.change * self.robot.mass + 3.0 * noise

@@ -32,6 +32,7 @@ from stadera.constants import GRAVITY, ROUNDING
 from stadera.errors import StaderaError
 from stadera.lab.control.crawl import Crawl
 from stadera.lab.control.legs import LegDynamics
+from stadera.lab.laws.noise import NoisyForces
 from stadera.lab.supervise.weighing import Stage, StandingWeighing, WeighingSettings
 from stadera.report.numbers import number, with_std
 from stadera.robot.model import Robot
@@ -41,7 +42,6 @@ from stadera.trunk.load import LoadChange, Payload
 from stadera.trunk.measurement import Measurement
 from stadera.trunk.model import TrunkBounds, TrunkModel
 from stadera.trunk.protocol import TrunkEstimate
-from stadera.trunk.standing.forces import ContactForceEstimator
 
 
 @dataclass(frozen=True)
@@ -230,7 +230,7 @@ class StoppingSupervisor(Supervisor):
 
     def __init__(self, robot: Robot, walker: Crawl, weighing: WeighingSettings | None = None) -> None:
         super().__init__(robot, walker)
-        self.forces, self._how = ContactForceEstimator(robot), weighing or WeighingSettings()
+        self.forces, self._how = NoisyForces(robot), weighing or WeighingSettings()
         self._tare, self._restarts = self.trunk, 0
         self._weighing: StandingWeighing | None = None
         self.estimate: TrunkEstimate | None = None

@@ -12,6 +12,7 @@ from enum import StrEnum
 
 import numpy as np
 
+from stadera.lab.laws.noise import NoisyForces
 from stadera.lab.laws.static import MassEstimator
 from stadera.lab.laws.static_poses import PoseOffset, static_poses
 from stadera.trunk.drives import TERMS, Drives
@@ -19,7 +20,6 @@ from stadera.trunk.measurement import Measurement
 from stadera.trunk.model import TrunkModel
 from stadera.trunk.protocol import Estimator, Status, TrunkEstimate
 from stadera.trunk.registry import Setup, make_estimator
-from stadera.trunk.standing.forces import ContactForceEstimator
 
 Lean = Callable[[PoseOffset, float], None]
 """Moves the trunk to a pose relative to that in which the robot stopped, within a duration [s]."""
@@ -56,7 +56,7 @@ class StandingWeighing:
 
     def __init__(
         self,
-        forces: ContactForceEstimator,
+        forces: NoisyForces,
         trunk: TrunkModel,
         begin: float,
         settings: WeighingSettings | None = None,
@@ -68,7 +68,7 @@ class StandingWeighing:
             at = list(TERMS).index("offset")
             noise = replace(forces.noise, torque_constant=drives.std[:, at])
             self._forces, self._offsets = (
-                ContactForceEstimator(forces.robot, noise),
+                NoisyForces(forces.robot, noise),
                 (drives.value - drives.model)[:, at],
             )
         self.stage, self.reason = Stage.MASS, ""

@@ -26,14 +26,13 @@ the same effect, and are in the error bars (`stadera.trunk.standing.estimator`).
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from stadera.body import Body, Motion
 from stadera.constants import GRAVITY, NOTHING, SINGULAR
-from stadera.errors import ModelError
 from stadera.inertia import skew
 from stadera.logs.recording import Recording
 from stadera.robot.model import Robot
@@ -41,58 +40,7 @@ from stadera.trunk.ground import ground_normal
 from stadera.trunk.measurement import Measurement, meant_stance, measurements_of
 from stadera.types import Array, Bools
 
-
-@dataclass(frozen=True, eq=False)
-class ForceNoise:
-    """Standard deviations of torques and feet. "Constant" errors do not average out over a run.
-
-    Attributes:
-        torque_white, torque_constant: (J,) [N·m], of the legs' joints, leg by leg and outwards.
-        foot_position: [m], of each component of a foot's position in the trunk frame, constant.
-        leg_mass: relative error of the mass of a leg's link, constant.
-        repeatable: residual of a pose at rest, as a share of the robot's weight, moments at 1 m. Assumed.
-        carries: least force along the normal on a foot in stance, as a share of the robot's weight.
-
-    Raises:
-        ModelError: torques of different shapes, or a value that is negative or not finite.
-    """
-
-    torque_white: Array
-    torque_constant: Array
-    foot_position: float = 0.0
-    leg_mass: float = 0.0
-    repeatable: float = 1e-4
-    carries: float = 0.03
-
-    def __post_init__(self) -> None:
-        for name in (field.name for field in fields(self)):
-            value = np.asarray(getattr(self, name), dtype=float)
-            if not (np.isfinite(value).all() and (value >= 0).all()):
-                raise ModelError(f"force noise {name!r} must be finite and not negative")
-            if name.startswith("torque") and (value.ndim != 1 or value.shape != np.shape(self.torque_white)):
-                raise ModelError(f"force noise {name!r} needs one value for each joint of the legs, got {value.shape}")
-
-    @classmethod
-    def of(
-        cls,
-        robot: Robot,
-        white: float = 0.0033,
-        constant: float = 0.0033,
-        foot_position: float = 0.0,
-        leg_mass: float = 0.02,
-        lever: float = 0.5,
-    ) -> ForceNoise:
-        """Torque noise as shares of the joints' effort limits.
-
-        Static friction of a joint at rest lies anywhere within its Coulomb friction ± τ_c: τ_c / √3 is added to the
-        constant part. A joint without effort limit is treated as one made to carry half the robot's weight at
-        `lever` [m].
-        """
-        joints = [joint for leg in robot.legs for joint in leg.joints]
-        limit = np.array([robot.limits[joint].effort for joint in joints])
-        limit = np.where(np.isfinite(limit), limit, 0.5 * robot.mass * GRAVITY * lever)
-        coulomb = np.array([robot.dynamics[joint].coulomb for joint in joints])
-        return cls(white * limit, np.hypot(constant * limit, coulomb / np.sqrt(3.0)), foot_position, leg_mass)
+_CARRIES = 0.03  # least force along the normal on a foot in stance, share of the robot's weight
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,7 +77,6 @@ class ContactForces:
         left: (J,) [N·m], h - τ.
         to_wrench, axis: (J, 6) and (J, 3), wrench by a unit of h - τ, zero for a near-singular leg, and joints' axes.
         position: (n,) [rad], of all joints.
-        noise: of torques and feet, from which the covariances are computed.
         body: the robot.
     """
 
@@ -142,7 +89,6 @@ class ContactForces:
     to_wrench: Array
     axis: Array
     position: Array
-    noise: ForceNoise
     body: Body
 
     @property
@@ -185,19 +131,18 @@ class ContactForceEstimator:
 
     Args:
         robot: the model of the legs.
-        noise: of torques and feet; None for the default shares of the effort limits.
 
     Attributes:
         leg_mass: [kg], of all leg links.
         body: the robot's tree.
     """
 
-    def __init__(self, robot: Robot, noise: ForceNoise | None = None) -> None:
-        self.robot, self.noise = robot, noise or ForceNoise.of(robot)
+    def __init__(self, robot: Robot) -> None:
+        self.robot = robot
         self.leg_mass = robot.mass - robot.inertias[robot.trunk].mass
         self.body = Body.of(robot, others=False)
         self._whole = self.body if robot.extra is None else Body.of(robot)
-        self._least, self._singular = self.noise.carries * robot.mass * GRAVITY, SINGULAR * robot.leg_length**3
+        self._least, self._singular = _CARRIES * robot.mass * GRAVITY, SINGULAR * robot.leg_length**3
         self._last: tuple[Measurement, ContactForces] | None = None
 
     def at(self, measurement: Measurement) -> ContactForces:
@@ -225,7 +170,7 @@ class ContactForceEstimator:
             wrenches = np.add.reduceat(E * left[:, None], body.starts, axis=0)
             wrenches[singular] = np.nan
             axis = state.axis[0, J]
-            return ContactForces(wrenches, feet, contact, stance, normal, left, E, axis, q, self.noise, body)
+            return ContactForces(wrenches, feet, contact, stance, normal, left, E, axis, q, body)
 
         forces = solved(stance)
         loaded = stance & (forces.force @ forces.normal > self._least)
@@ -276,7 +221,7 @@ def vertical_by_forces(
 
     meant = np.ones(feet.shape[:2], dtype=bool) if stance is None else stance
     up, total, load = solved(meant)
-    carrying = meant & (load > ForceNoise.carries * robot.mass * GRAVITY)
+    carrying = meant & (load > _CARRIES * robot.mass * GRAVITY)
     if not np.array_equal(carrying, meant):
         up, total, _ = solved(carrying)
     return up, np.linalg.norm(total, axis=1) / GRAVITY
