@@ -146,6 +146,13 @@ def test_mass_matrix_is_pinocchios() -> None:
     np.testing.assert_allclose(found, M[6:, 6:], atol=1e-11)
 
 
+def test_arrays_of_any_order_in_memory() -> None:
+    tree, joints = robot_named("hyq").leg_tree("RH"), random_motion(3)
+    other = JointMotion(*(np.asfortranarray(x) for x in (joints.position, joints.velocity, joints.acceleration)))
+    for a, b in zip(*(JointTorqueRegressor(tree).rows(m, np.zeros((12, 3))) for m in (joints, other)), strict=True):
+        np.testing.assert_array_equal(a.matrix, b.matrix)
+
+
 def test_friction_columns() -> None:
     tree = robot_named("hyq").leg_tree("RH")
     joints = random_motion(3, 30)

@@ -142,10 +142,10 @@ class JointTorqueRegressor:
 def _computed(tree: Tree, joints: JointMotion, trunk: TrunkMotion, picks: NDArray[np.int64]) -> Array:
     """Columns of the rows, (k, samples), of some of the joints' and links' parameters (k, 3)."""
     n = len(tree.joints)
-    states = np.stack([joints.position, joints.velocity, joints.acceleration], axis=2)
+    states = np.ascontiguousarray(np.stack([joints.position, joints.velocity, joints.acceleration], axis=2))
     parents = np.array([p - 1 if p > 0 else n for p in tree.parents], dtype=np.int64)
     turns, arms, axes = (np.array(x) for x in (tree.rotations, tree.translations, tree.axes))
-    force, out = np.array(np.atleast_2d(trunk.specific_force)), np.empty((len(picks), len(joints)))
+    force, out = np.ascontiguousarray(np.atleast_2d(trunk.specific_force)), np.empty((len(picks), len(joints)))
     torque_columns(parents, turns, arms, axes, states, force, np.ascontiguousarray(picks), out)
     return out
 
