@@ -125,37 +125,39 @@ def velocity_findings(blocks: Instants, limits: CheckLimits) -> Iterator[Finding
         correlation = both / np.sqrt((rate**2).sum(axis=0) * (velocity**2).sum(axis=0))
     related = moves & (np.abs(correlation) > limits.correlation)
 
-    def names(chosen: Bools) -> str:
-        return listed([repr(joint) for joint, one in zip(blocks.joints, chosen, strict=True) if one], 3)
-
-    def factors(chosen: Sequence[bool] | Bools, factor: float) -> dict[tuple[str, str], float]:
-        return {("velocity", joint): factor for joint, one in zip(blocks.joints, chosen, strict=True) if one}
-
     for unit, ratio in _RATIOS.items():
-        so = related & (np.abs(slope / ratio - 1.0) < limits.unit_tolerance)
-        if not so.any():
-            continue
-        some = bool((moves & ~so).any())
-        whose = f"velocities of {names(so)}" if some else "joint velocities"
-        option = "--columns MAP.toml with their unit" if some else f"--units velocity={unit}"
-        scale = {"joint_factors": factors(so, 1.0 / ratio)} if some else {"factors": {"velocity": 1.0 / ratio}}
-        text = f"{whose} seem to be in {unit}: {np.median(slope[so]):.3g} times the slopes of the positions"
-        mend = Mend(f"{whose} taken to be in {unit}", **scale)  # type: ignore[arg-type]
-        yield Finding("velocity_unit", text, "" if unit == "rad/ms" else option, mend)
+        if (so := related & (np.abs(slope / ratio - 1.0) < limits.unit_tolerance)).any():
+            found = f"{np.median(slope[so]):.3g} times the slopes of the positions"
+            yield _velocity_unit(unit, 1.0 / ratio, found, _chosen(blocks, so) if (moves & ~so).any() else ())
     if (wrong := related & (slope < 0)).any():
         everywhere = not (moves & ~wrong).any()
-        whose = "all joints" if everywhere else names(wrong)
+        joints = blocks.joints if everywhere else _chosen(blocks, wrong)
+        whose = "all joints" if everywhere else _listed(joints)
         text = f"the sign of the velocities of {whose} is reversed: positions move the other way"
-        turned = factors(np.ones_like(wrong) if everywhere else wrong, -1.0)
-        mend = Mend(f"sign of the velocities of {whose} turned", joint_factors=turned)
+        mend = Mend(f"sign of the velocities of {whose} turned", joint_factors={("velocity", j): -1.0 for j in joints})
         yield Finding("velocity_unit", text, "--columns MAP.toml with factor = -1", mend)
     if (strange := moves & ~related & velocity.any(axis=0)).any():
-        yield Finding(
-            "velocity_order",
-            f"velocities of {names(strange)} are not the slopes of their positions: their columns are "
-            "swapped, or belong to other joints",
-            "--columns MAP.toml without velocities, which are then made of the positions",
-        )
+        whose = f"velocities of {_listed(_chosen(blocks, strange))}"
+        text = f"{whose} are not the slopes of their positions: their columns are swapped, or belong to other joints"
+        without = "--columns MAP.toml without velocities, which are then made of the positions"
+        yield Finding("velocity_order", text, without)
+
+
+def _velocity_unit(unit: str, factor: float, found: str, joints: Sequence[str]) -> Finding:
+    """Velocities in another unit, of some joints; none for all."""
+    whose = f"velocities of {_listed(joints)}" if joints else "joint velocities"
+    option = "--columns MAP.toml with their unit" if joints else f"--units velocity={unit}"
+    all_of_them, some = {} if joints else {"velocity": factor}, {("velocity", joint): factor for joint in joints}
+    mend = Mend(f"{whose} taken to be in {unit}", all_of_them, some)
+    return Finding("velocity_unit", f"{whose} seem to be in {unit}: {found}", "" if unit == "rad/ms" else option, mend)
+
+
+def _chosen(blocks: Instants, chosen: Bools) -> list[str]:
+    return [joint for joint, one in zip(blocks.joints, chosen, strict=True) if one]
+
+
+def _listed(joints: Sequence[str]) -> str:
+    return listed([*map(repr, joints)], 3)
 
 
 def _without_spikes(values: Array) -> Array:

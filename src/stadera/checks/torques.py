@@ -264,13 +264,8 @@ def torque_step(footing: Footing) -> tuple[Finding, float] | None:
         return None
     found |= {k: _tested(rows, recorded, landed, *spans[k]) for k in range(1, len(spans), 2)}
     tested = [found[k] for k in range(len(spans))]
-    # another load, at yet another time, looks like an offset; what is there all the time shows in all
-    steps, offsets = np.array([squares for squares, _ in tested]).swapaxes(0, 1)
-    k, kind, lasting = int(np.argmax(steps.max(axis=1))), 0, offsets.min(axis=0)
-    if lasting.max() > steps.max():
-        k, kind = int(np.argmin(offsets[:, np.argmax(lasting)])), 1
-    squares, sizes = lasting if kind else steps[k], tested[k][1][kind]
-    (span, at), best = spans[k], int(np.argmax(squares))
+    k, kind, squares = _clearest(np.array([squares for squares, _ in tested]))
+    (span, at), best, sizes = spans[k], int(np.argmax(squares)), tested[k][1][kind]
     alike = [j for j in np.argsort(-squares) if squares[j] > squares[best] - limits.step_alike]
     if squares[best] < least or len(alike) > limits.step_alike_most:
         return None
@@ -278,6 +273,17 @@ def torque_step(footing: Footing) -> tuple[Finding, float] | None:
     joints = [joint for leg in footing.robot.legs for joint in leg.joints]
     text = _said([joints[j] for j in alike], size, np.sqrt(z), lasting=bool(kind))
     return Finding("torque_step", text, at=None if kind else float(footing.blocks.time[span.start + at])), z
+
+
+def _clearest(squares: Array) -> tuple[int, int, Array]:
+    """The stretch of the clearest step or, with the kind 1, offset, and z² by joint, of all stretches' (spans, 2, L k).
+    Another load, at yet another time, looks like an offset; what is there all the time shows in all.
+    """
+    steps, offsets = squares.swapaxes(0, 1)
+    k, lasting = int(np.argmax(steps.max(axis=1))), offsets.min(axis=0)
+    if lasting.max() > steps.max():
+        return int(np.argmin(offsets[:, np.argmax(lasting)])), 1, lasting
+    return k, 0, steps[k]
 
 
 def _said(joints: Sequence[str], size: str, deviations: float, lasting: bool) -> str:

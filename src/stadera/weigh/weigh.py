@@ -105,11 +105,17 @@ def weigh(
         at,
     )
     _check_request(request, source, others)
-    result = weighed(request, source)
+    return _with_doubts_of_model(weighed(request, source), said, force)
+
+
+def _with_doubts_of_model(result: Weighing, said: tuple[str, ...], force: bool) -> Weighing:
+    """The result with notes, and with what its robot's legs and mass say of its trust. Raises UntrustedError: it is not
+    to be trusted, and not forced.
+    """
     if result.trust.verdict == "bad" and not force:
         raise UntrustedError(f"{result.source}: not to be trusted: {'; '.join(result.trust.reasons)}")
-    trust = result.trust.with_legs(model.distrust)
-    if kin := _other_robots(model, result):
+    trust = result.trust.with_legs(result.robot.distrust)
+    if kin := _other_robots(result.robot, result):
         if result.payload is None:
             said = (*said, f"{kin}; or it carries a load")
         else:
