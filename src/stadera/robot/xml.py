@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import IO
 from xml.dom.minidom import Element
 from xml.parsers import expat
-from xml.sax.saxutils import escape, quoteattr
 
 from stadera.errors import MissingExtraError, ModelError
 from stadera.limits import DEFAULTS, Limits
@@ -58,6 +57,8 @@ _TAG = re.compile(rb"""<(?:[^<>"']|"[^"]*"|'[^']*')*>""")
 
 def _written(element: ET.Element, kept: Mapping[ET.Element, str]) -> Iterator[str]:
     """An element's text, without what follows it."""
+    from xml.sax.saxutils import escape, quoteattr  # loads HTTP, and only models that are written need it
+
     if callable(element.tag):  # a comment
         yield f"<!--{element.text}-->"
         return

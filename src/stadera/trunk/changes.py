@@ -162,12 +162,12 @@ class ChangeDetector:
         wide = self._wide[:, None]
         scaled = wide * over[:, :, :10] * self._wide  # rounding hides parameters that no row shows
         inverse = wide * np.linalg.inv(scaled + np.eye(10)) * self._wide
-        left = np.array([total @ each.combination(errors.mean) for each, total in zip(before, over, strict=True)])
-        size, few = np.matvec(inverse, left), slice(0, 4)
+        rows, few = inverse @ over, slice(0, 4)
+        size = np.array([row @ each.combination(errors.mean) for each, row in zip(before, rows, strict=True)])
         # of mass and first moments alone; how the estimate before moves is learnt from ratios here
         known = Told.stack([each.whole for each in before], few)
-        moved = np.array([each.by_errors(total) for each, total in zip(before, over, strict=True)])
-        sensitivity = known.sensitivity + inverse[:, few] @ moved
+        moved = np.array([each.by_errors(row) for each, row in zip(before, rows[:, few], strict=True)])
+        sensitivity = known.sensitivity + moved
         own = inverse[:, few, few]
         root = np.sqrt(noise) * np.linalg.cholesky(0.5 * (own + own.mT))
         since = Told(root, np.concatenate([size[:, few, None], sensitivity], axis=2), known.before)

@@ -88,8 +88,8 @@ class HalfWindows:
         out["by_terms"] = window.sums(halves, E[..., None] * terms[:, :, None])
         out["by_links"] = window.sums(halves, state.columns)
         out["probes"], out["middle"] = self._slopes(window, motion, tau, sound)
-        counts, end, begin = np.diff(window.edges), samples.time[window.edges[1:]], samples.time[window.edges[:-1] + 1]
-        step = np.where(counts > 1, (end - begin) / np.maximum(counts - 1, 1), 0.02)
+        end, begin, after = samples.time[window.edges[1:]], samples.time[window.edges[:-1] + 1], window.counts - 1
+        step = np.where(after > 0, (end - begin) / np.maximum(after, 1), 0.02)
         out["omega"] = window.sums(window.mean, motion.angular_velocity)[:, 0]
         force = body.forces(state, left)
         out["air"] = self._lifted.legs(state, motion, force, sure, step, window.edges)
@@ -112,7 +112,7 @@ class HalfWindows:
         a leg's b is its own.
         """
         body, J, order, B = self._body, self._joints, self._order, len(window.edges) - 1
-        k, first = window.edges[:-1] + np.diff(window.edges) // 2, 6 + body.most
+        k, first = window.edges[:-1] + window.counts // 2, 6 + body.most
         N = first + 1 + body.most  # the middle as it is, then with joints displaced, come after the first ones
         position = np.repeat(motion.position[window.edges[1:] - 1][:, None], N, axis=1)
         velocity, acceleration, trunk = np.zeros_like(position), np.zeros_like(position), np.zeros((3, B, N, 3))

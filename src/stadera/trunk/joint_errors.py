@@ -83,8 +83,7 @@ class Errors:
         if rows is not None and rows.weight:
             by_rest = self._learn(_Root.of(covariance, np.sqrt(variance[learnt]), gain), rows, learnt)
         self._model, self._scale = model, scale
-        self._sticking = self._held(model, swing, sticking)
-        before[stuck, stuck] = self.covariance[stuck, stuck] = self._sticking
+        before[stuck, stuck] = self.covariance[stuck, stuck] = self._held(model, swing, sticking)
         self.prior = before
         if by_rest is not None:
             across = -by_rest @ self.covariance[rest, rest]
@@ -150,15 +149,14 @@ class Errors:
     def lasting(self) -> Array:
         """Σ without the covariance of errors that may change with the load, (errors, errors)."""
         out = self.covariance.copy()
-        for place, _ in self._changing:
-            out[place] = out[:, place] = 0.0  # with what others have in common with them: else it is no covariance
+        at = self.layout.changing_at
+        out[at] = out[:, at] = 0.0  # with what others have in common with them: else it is no covariance
         return out
 
     def shared(self, alike: float) -> Array:
         """Covariance (errors, errors) of errors under one load with those under another, see `alike`."""
         out = self.lasting.copy()
-        for place, own in self._changing:
-            out[place, place] = alike * own
+        out[np.ix_(*2 * [self.layout.changing_at])] = alike * self._changing
         return out
 
     def by_scale(self, sensitivity: Array) -> Array:
@@ -170,30 +168,24 @@ class Errors:
         return np.asarray(sensitivity @ self.covariance[:, at] / own)
 
     @cached_property
-    def _changing(self) -> list[tuple[slice, Array]]:
-        """Errors that may change with the load, with their covariances."""
-        return [
-            (at, self._sticking if at == self.layout.sticking else self.covariance[at, at])
-            for at in self.layout.changing
-            if at.stop > at.start
-        ]
+    def _changing(self) -> Array:
+        """Covariance (changing, changing) of errors that may change with the load, those of each name apart."""
+        at, sizes = self.layout.changing_at, [place.stop - place.start for place in self.layout.changing]
+        name = np.repeat(np.arange(len(sizes)), sizes)
+        return np.where(name[:, None] == name, self.covariance[np.ix_(at, at)], 0.0)
 
     def trunk_covariance(self, segment: Segment) -> Array:
         """Covariance of a segment's trunk parameters, (10, 10)."""
-        K = segment.sensitivity
-        total = self.of_rows(segment, self.scatter) + K @ self.lasting @ K.T
-        for place, own in self._changing:
-            total += K[:, place] @ own @ K[:, place].T
-        return np.asarray(total)
+        K, changing = segment.sensitivity, segment.sensitivity[:, self.layout.changing_at]
+        lasting = self.of_rows(segment, self.scatter) + K @ self.lasting @ K.T
+        return np.asarray(lasting + changing @ self._changing @ changing.T)
 
     def load_covariance(self, load: Told) -> Array:
         """Covariance of a load elsewhere than on the trunk, (n, n). Errors that may change with it do not cancel."""
-        K, done = load.sensitivity, 0
+        K, changing = load.sensitivity, load.sensitivity[:, self.layout.changing_at]
         total = self.of_rows(load, self.scatter) + K @ self.lasting @ K.T
-        for place, own in self._changing:
-            before, done = load.before[:, done : done + len(own)], done + len(own)
-            for part in (before, K[:, place] - before):
-                total += part @ own @ part.T
+        for part in (load.before, changing - load.before):
+            total += part @ self._changing @ part.T
         return np.asarray(0.5 * (total + total.T))
 
     def alike(self, *loads: Segment) -> float:
@@ -218,9 +210,9 @@ class Errors:
         at_once = difference.reshape(-1, difference.shape[-1]) @ self.lasting
         total = own + at_once.reshape(difference.shape) @ difference.mT
         parts = (difference, alike), (first.sensitivity, 1.0 - alike), (second.sensitivity, 1.0 - alike)
-        for place, own in self._changing:
-            for K, share in parts:
-                total += share * K[..., place] @ own @ K[..., place].mT
+        for K, share in parts:
+            changing = K[..., self.layout.changing_at]
+            total += share * changing @ self._changing @ changing.mT
         return np.asarray(0.5 * (total + total.mT))
 
     def of_rows(self, segment: Segment | Told, scatter: float = 1.0) -> Array:

@@ -49,7 +49,7 @@ from stadera.trunk.noise import Lately, Variances, WhiteNoise
 from stadera.trunk.samples import Samples
 from stadera.trunk.settings import SwingDetection
 from stadera.trunk.swing import Lifted
-from stadera.trunk.window import Window, window_of
+from stadera.trunk.window import Ints, Window, window_of
 from stadera.trunk.wrench import (
     SIGNALS,
     trunk_matrix,
@@ -191,7 +191,7 @@ class RowMaker:
         if squares is not None:
             loud = self._lately.noise(loud, squares[:, self._layout.joints : -6], sizes)
         halves = self._halves.of(samples, window, motion, state, noise, sound)
-        halves["sign"] = self._signs(np.diff(window.edges), sound)
+        halves["sign"] = self._signs(window.counts, sound)
         before = self._half or {name: np.zeros_like(value[:1]) for name, value in halves.items()}
         first = {name: np.concatenate([before[name], value[:-1]]) for name, value in halves.items()}
         follows = np.concatenate([[self._half is not None], sound[:-1]]) & sound
@@ -210,7 +210,7 @@ class RowMaker:
             state.to_wrench[wrong] = state.columns[wrong] = 0.0
         return sound, [int(np.argmax(legs)) if legs.any() else None for legs in by_leg]
 
-    def _signs(self, counts: Array, sound: Bools) -> Array:
+    def _signs(self, counts: Ints, sound: Bools) -> Array:
         """Of alternating sums of blocks (B,) of so many samples, as these begin; zero of one with too few samples."""
         signs = self._sign * np.cumprod(np.concatenate([[1.0], np.where(sound, 1.0 - 2.0 * (counts % 2), 1.0)]))
         self._sign = float(signs[-1])
@@ -288,15 +288,15 @@ class RowMaker:
             columns[:, :, 10] += A @ self.body.lumped  # the trunk contains the other joints' links at their reference
             self._limbs.add(columns, A, sums["by_links"], self._by_mass)
         self._by_joints(C, sums, sums["joint"], still, signals[:, :3])
-        of_contacts, unfelt = np.split(-sums["middle"][:, :, J:], [3 * layout.contacts], axis=2)
-        C[:, :, places["encoder"]], C[:, :, places["contact"]] = sums["middle"][:, :, :J], of_contacts
-        C[:, :, places["unfelt"]] = unfelt
+        middle, points = sums["middle"], J + 3 * layout.contacts
+        C[:, :, places["encoder"]], C[:, :, places["contact"]] = middle[:, :, :J], -middle[:, :, J:points]
+        C[:, :, places["unfelt"]] = -middle[:, :, points:]
         by_links = sums["by_links"][:, : layout.links] @ self._by_mass[: layout.links]  # (B, K, 6, 4)
         C[:, :, places["link_mass"]] = -by_links[..., 0].transpose(0, 2, 1)
         C[:, :, places["link_com"]] = -by_links[..., 1:].transpose(0, 2, 3, 1).reshape(B, 6, -1)
         self._by_imu(C, responses.force, responses.turning, signals, gravity)
-        of_joints, of_trunk = np.split(sums["jerk"][..., None], [J], axis=1)
-        C[:, :, places["velocity_lag"]] = responses.turning @ of_trunk - responses.joints @ of_joints
+        jerk = sums["jerk"][..., None]
+        C[:, :, places["velocity_lag"]] = responses.turning @ jerk[:, J:] - responses.joints @ jerk[:, :J]
         return columns
 
     def _white(self, sums: Sums, responses: Responses, noise: Variances) -> Array:

@@ -301,7 +301,7 @@ class Segment:
         out, end = np.zeros(self.triangle.shape[1]), 11 + self.layout.count
         out[10], out[11:end] = 1.0, -errors
         if self._load is None:
-            out[:10] = -self.inverse @ (self.triangle[:, 10:end] @ out[10:end])
+            out[:10] = -self.solution @ out[10:end]
         else:
             out[:10], out[end + self._load.columns] = -self._load.trunk.mean(errors), -self._load.load.mean(errors)
         return out

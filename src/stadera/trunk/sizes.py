@@ -67,7 +67,9 @@ class Sizes:
     def __init__(self, layout: ErrorLayout, spread: float) -> None:
         self.by_kind = dict.fromkeys(KINDS, 1.0)
         self._at = {kind: layout.at(*names) for kind, names in KINDS.items()}
-        self._layout, self._spread = layout, spread
+        self._layout = layout
+        tried = np.linspace(-_WIDEST, _WIDEST, _TRIES)  # (ln s about the prior's median) / spread
+        self._square, self._prior = np.exp(2.0 * spread * (tried - spread))[:, None], 0.5 * tried**2
 
     @property
     def factors(self) -> Array:
@@ -101,9 +103,7 @@ class Sizes:
 
     def _mean(self, normal: Array, right: Array) -> float:
         """Root mean square of s, given Λ and u (k,)."""
-        tried = np.linspace(-_WIDEST, _WIDEST, _TRIES) * self._spread  # ln s about the prior's median
-        square = np.exp(2.0 * (tried - self._spread**2))[:, None]
-        known = 1.0 + square * normal
-        likely = 0.5 * (square * right**2 / known - np.log(known)).sum(axis=1) - 0.5 * (tried / self._spread) ** 2
+        square, known = self._square, 1.0 + self._square * normal
+        likely = 0.5 * (square * right**2 / known - np.log(known)).sum(axis=1) - self._prior
         weight = np.exp(likely - likely.max())
         return float(np.sqrt(weight @ square[:, 0] / weight.sum()))

@@ -21,7 +21,7 @@ class Window(NamedTuple):
     """Weights of the samples of B blocks of a window's halves, N samples in all.
 
     Attributes:
-        edges: (B + 1,), of the blocks. block: (N,), of each sample.
+        edges: (B + 1,), of the blocks. counts: (B,), of their samples. block: (N,), of each sample.
         halves: (2, N), rising and falling. both: (4, N), these, and the same with alternating signs, + at a block's
             end, - where the next one begins.
         fit: (2, N), of a block's mean, and of the slope of a line through its samples, over the sample's number `along`
@@ -31,6 +31,7 @@ class Window(NamedTuple):
     """
 
     edges: Ints
+    counts: Ints
     block: Ints
     halves: Array
     both: Array
@@ -71,6 +72,7 @@ def window_of(sizes: tuple[int, ...]) -> Window:
     )
     return Window(
         np.concatenate([[0], np.cumsum(sizes)]),
+        np.array(sizes),
         np.repeat(np.arange(len(sizes)), sizes),
         both[:2],
         both,
