@@ -12,7 +12,7 @@ import pytest
 
 from checks.test_diagnosis import legs_swapped
 from stadera.errors import UntrustedError
-from stadera.live import LiveSession, Worker
+from stadera.live import LiveSession, LiveState, Worker
 from stadera.live.run import replay
 from stadera.logs import Recording, take, write_table
 from stadera.logs.topics import ReadOptions
@@ -37,6 +37,14 @@ def passed(session: LiveSession, log: Recording, until: float = np.inf) -> Recor
     for start in range(0, end, 5):
         session.add(take(log, slice(start, min(start + 5, end))), 0.0)
     return take(log, slice(end, len(log)))
+
+
+@pytest.fixture(scope="module")
+def right(walk: Recording, robot: Robot) -> LiveState:
+    """After the walk as it is."""
+    session = LiveSession(robot)
+    passed(session, walk)
+    return session.state()
 
 
 SIDES = (("LF", "RF"), ("LH", "RH"))
@@ -66,22 +74,20 @@ def test_nothing_is_weighed_by_a_wrong_stream(name: str, walk: Recording, robot:
 
 
 @pytest.mark.parametrize("name", ["degrees", "g", "gyro in deg/s", "velocities in deg/s"])
-def test_what_is_certain_is_corrected(name: str, walk: Recording, robot: Robot) -> None:
-    session, right = LiveSession(robot, fix=True), LiveSession(robot)
+def test_what_is_certain_is_corrected(name: str, walk: Recording, robot: Robot, right: LiveState) -> None:
+    session = LiveSession(robot, fix=True)
     passed(session, WRONG[name][0](walk, robot))
-    passed(right, walk)
     state = session.state()
     assert state.trust.verdict != "bad"
     assert state.waiting_for == ()
     assert state.notes
-    assert state.trunk.inertial.mass == pytest.approx(right.state().trunk.inertial.mass, rel=0.02)
+    assert state.trunk.inertial.mass == pytest.approx(right.trunk.inertial.mass, rel=0.02)
 
 
-def test_gears_are_applied_to_all_samples(walk: Recording, robot: Robot) -> None:
-    session, right = LiveSession(robot, reading=ReadOptions.of(gear="9")), LiveSession(robot)
+def test_gears_are_applied_to_all_samples(walk: Recording, robot: Robot, right: LiveState) -> None:
+    session = LiveSession(robot, reading=ReadOptions.of(gear="9"))
     passed(session, scaled(walk, effort=1 / 9.0))
-    passed(right, walk)
-    np.testing.assert_allclose(session.state().trunk.inertial.vector, right.state().trunk.inertial.vector, rtol=1e-6)
+    np.testing.assert_allclose(session.state().trunk.inertial.vector, right.trunk.inertial.vector, rtol=1e-6)
 
 
 def test_a_stream_that_becomes_sound_is_weighed_from_then_on(walk: Recording, robot: Robot) -> None:
@@ -102,9 +108,7 @@ def test_a_replay_of_wrong_units_is_refused(walk: Recording, robot: Robot, tmp_p
         replay(log, robot, Worker(LiveSession(robot)), threading.Event())
 
 
-def test_a_clean_stream_is_the_same_with_the_guard(walk: Recording, robot: Robot) -> None:
-    session = LiveSession(robot)
-    passed(session, walk)
-    assert isinstance(session.state().trust, Trust)
-    assert session.state().notes == ()
-    assert session.state().waiting_for == ()
+def test_a_clean_stream_is_the_same_with_the_guard(right: LiveState) -> None:
+    assert isinstance(right.trust, Trust)
+    assert right.notes == ()
+    assert right.waiting_for == ()

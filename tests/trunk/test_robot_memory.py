@@ -80,7 +80,7 @@ def test_information_adds_up_to_the_posterior_of_all_rows() -> None:
 
 def test_a_robot_that_was_on_a_scale_remembers_the_scale_of_its_torques() -> None:
     narrower, sigmas = [], []
-    for robot in range(4):
+    for robot in range(3):
         first = weighed(robot, 0)
         truth = drawn(robot).true
         first.know_weight(truth.mass, 0.02)

