@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from stadera.cli.laboratory import RunOptions
-from stadera.lab.scenarios.catalog import SCENARIOS, SimulateSettings, scenario_named
+from stadera.errors import StaderaError
+from stadera.lab.scenarios.catalog import SCENARIOS, SWING, Load, SimulateSettings, scenario_named
+from stadera.lab.scenarios.run import simulate, swing
 from stadera.lab.truth import read_truth
 from stadera.logs import Recording, read, write_table
 from stadera.robot import load_robot
@@ -94,13 +95,50 @@ def test_every_scenario_has_events_within_its_time() -> None:
     robot = load_robot("hyq")
     table = Recording(np.linspace(0.0, 5.0, 11), robot.tree.joints, np.zeros((11, 12)))
     for name, scenario in SCENARIOS.items():
-        events = scenario.script(robot, SimulateSettings(motion=table), scenario.duration)
+        settings = SimulateSettings(motion=table if name == "motion" else None)
+        events = scenario.script(robot, settings, scenario.duration)
         assert all(0.0 <= event.time < scenario.duration for event in events), name
     assert len(scenario_named("poses").script(robot, SimulateSettings(), 33.0)) == 11
 
 
-def test_errands_sway_by_what_is_asked() -> None:
-    assert RunOptions(amplitude=2.0).settings("errands").amplitude == 2.0
+@pytest.mark.parametrize(
+    ("scenario", "settings", "said"),
+    [
+        (
+            "stand",
+            SimulateSettings(speed=0.2),
+            "speed goes with the scenarios trot, trot-load, crawl, crawl-load, step",
+        ),
+        ("shake", SimulateSettings(turn=0.1), "turn goes with the scenarios trot, trot-load, crawl, crawl-load"),
+        (
+            "trot",
+            SimulateSettings(amplitude=2.0),
+            "amplitude goes with the scenarios errands, shake, shake-load, squat",
+        ),
+        ("motion", SimulateSettings(), "plays a table"),
+        ("stand", SimulateSettings(load_time=1.0), "load_time needs a load"),
+        (SWING, SimulateSettings(load=Load(5.0)), "load goes with the scenarios stand,"),
+    ],
+)
+def test_settings_that_a_scenario_does_not_use_are_refused(
+    scenario: str, settings: SimulateSettings, said: str
+) -> None:
+    robot = load_robot("hyq")
+    with pytest.raises(StaderaError, match=said):
+        swing(robot, settings=settings) if scenario == SWING else simulate(robot, scenario, settings)
+
+
+def test_settings_that_a_scenario_uses_are_taken() -> None:
+    robot, table = load_robot("hyq"), Recording(np.array([0.0, 1.0]), ("LF_HAA",), np.zeros((2, 1)))
+    given = {"speed": 0.2, "turn": 0.1, "amplitude": 2.0, "motion": table}
+    used = {name: [one for one in given if one in scenario.takes] for name, scenario in SCENARIOS.items()}
+    assert used["step"] == ["speed"]
+    assert used["crawl"] == used["trot-load"] == ["speed", "turn"]
+    assert used["errands"] == used["squat"] == ["amplitude"]
+    assert used["stand"] == used["poses"] == used["ramp"] == []
+    for name in ("step", "crawl", "errands", "motion"):
+        settings = SimulateSettings(**{one: given[one] for one in used[name]})
+        assert scenario_named(name).script(robot, settings, 3.0), name
 
 
 @pytest.mark.parametrize(
@@ -115,7 +153,7 @@ def test_errands_sway_by_what_is_asked() -> None:
         (("stand", "--out", "a.csv", "--slope", "80"), 1, "within ±60°"),
         (("stand", "--out", "a.csv", "--load", "much"), 2, "a load like 5kg or 50N"),
         (("stand", "--out", "a.csv", "--at", "0,0,0"), 2, "needs --load"),
-        (("step", "--out", "a.csv", "--turn", "5"), 2, "goes with the scenarios trot, crawl"),
+        (("stand", "--out", "a.csv", "--turn", "5"), 1, "turn goes with the scenarios trot, trot-load, crawl"),
         (("stand", "--out", "nowhere/a.csv"), 1, "no such folder"),
         (("stand",), 2, "--out"),
     ],
@@ -149,6 +187,8 @@ def test_a_motion_is_played_twice_with_a_load_in_between(tmp_path: Path, run: Ru
     assert all(np.ptp(knee[part]) > 0.1 for part in moving)
     assert np.ptp(knee[(log.time > 0.3) & (log.time < 0.9)]) < 0.02
     refused = run("simulate", "stand", "--motion", table, "--robot", "go2", "--out", out)
-    assert refused.code == 2
-    assert "scenario motion" in refused.err
-    assert run("simulate", "motion", "--robot", "go2", "--out", out).code == 2
+    assert refused.code == 1
+    assert "motion goes with the scenarios motion" in refused.err
+    without = run("simulate", "motion", "--robot", "go2", "--out", out)
+    assert without.code == 1
+    assert "--motion F.csv" in without.err

@@ -73,21 +73,11 @@ class RunOptions:
     ] = None
     seed: Annotated[int, option("N", "The same seed gives the same log.", min=0)] = 0
 
-    def settings(self, scenario: str) -> SimulateSettings:
-        """The settings of a run. Raises BadParameter: options that do not go together; and as `SimulateSettings`."""
+    def settings(self) -> SimulateSettings:
+        """The settings of a run. Raises BadParameter: options that need --load; and as `SimulateSettings`."""
         for name, given in {"--at": self.at, "--on": self.on}.items():
             if self.load is None and given is not None:
                 raise typer.BadParameter("needs --load", param_hint=name)
-        if (self.motion is None) == (scenario == "motion"):
-            raise typer.BadParameter("goes with the scenario motion", param_hint="--motion")
-        motion = scenario.removesuffix("-load")
-        for name, asked, motions in (
-            ("--speed", self.speed is not None, ("trot", "crawl", "step")),
-            ("--turn", self.turn != 0.0, ("trot", "crawl")),
-            ("--amplitude", self.amplitude != 1.0, ("shake", "squat", "errands")),
-        ):
-            if asked and motion not in motions:
-                raise typer.BadParameter(f"goes with the scenarios {', '.join(motions)}", param_hint=name)
 
         from stadera.lab.scenarios.catalog import Load, SimulateSettings
         from stadera.logs import read
@@ -136,7 +126,7 @@ def simulate(
 
     if scenario != SWING:
         scenario_named(scenario)
-    settings = options.settings(scenario)
+    settings = options.settings()
     truth = load_robot(robot, limits_of(limit))
     check_table(out)
     check_outputs((out, model))

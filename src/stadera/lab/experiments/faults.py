@@ -85,7 +85,7 @@ class LogCase:
             duration=self.duration,
             rate=250.0,
             seed=zlib.crc32(f"{self.robot} {self.scenario} {self.seed}".encode()),
-            load_time=self.middle,
+            load_time=self.middle if self.share else None,
             hold=2,  # periods of the test-bed between two torques of the controller
             outside=FORCES[self.force].make(robot, self.middle) if self.force else None,
             arms=HOW.arms,

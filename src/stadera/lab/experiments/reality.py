@@ -109,14 +109,13 @@ def weigh_real(case: RealityCase, logs: Path | None = None) -> dict[str, Any]:
 
 def real_log(case: RealityCase, robot: Robot, logs: Path | None) -> tuple[Recording, Truth]:
     """The run's log and truth, stored earlier or simulated now; its load is a cube on the tray, away from its edges."""
-    draw, load, tray = _draw(case), None, Tray.of(robot)
+    draw, load, loaded_at, tray = _draw(case), None, None, Tray.of(robot)
     if case.share:
+        loaded_at = HOW.loaded_at
         aside = HOW.out * np.random.default_rng(draw).uniform(-1.0, 1.0, 2) * tray.half_size[:2]
         x, y = (tray.centre[:2] + aside).tolist()
         load = Load(case.share * robot.mass, "kg", (x, y, tray.top + HOW.half_cube))
-    settings = SimulateSettings(
-        case.errors, load, duration=HOW.duration, seed=draw, load_time=HOW.loaded_at, hold=HOW.hold
-    )
+    settings = SimulateSettings(case.errors, load, duration=HOW.duration, seed=draw, load_time=loaded_at, hold=HOW.hold)
     return stored(logs, _name(case), lambda: simulate(robot, case.scenario, settings))
 
 

@@ -1,7 +1,7 @@
 """Settings of a simulated run, and the catalogue of scenarios: each is a function that lists its events."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import partial
 from types import MappingProxyType
 from typing import Literal, TypeVar
@@ -116,6 +116,13 @@ class SimulateSettings:
         """Periods of the test-bed per sample of the log."""
         return round(1000.0 / (self.rate or 250.0))
 
+    def require(self, takes: Sequence[str]) -> None:
+        """Raises StaderaError: a setting that is not the default is none of those in `takes`, and would be ignored."""
+        for setting in fields(self):
+            if setting.name not in takes and getattr(self, setting.name) != setting.default:
+                users = ", ".join(name for name, one in SCENARIOS.items() if setting.name in one.takes)
+                raise StaderaError(f"a run's {setting.name} goes with the scenarios {users}")
+
 
 def _require(least: float, **values: float | None) -> None:
     """Checks that given values are finite, and at least `least`."""
@@ -127,6 +134,11 @@ def _require(least: float, **values: float | None) -> None:
 
 SWING = "swing"
 """The scenario with legs in the air and without a controller: see `stadera.lab.scenarios.run`."""
+
+ALWAYS = ("errors", "duration", "rate", "seed")
+"""Settings of all runs."""
+
+_ON_GROUND = (*ALWAYS, "load", "load_time", "slope", "stones", "hold", "outside", "arms")
 
 
 @dataclass(frozen=True)
@@ -173,6 +185,7 @@ class Scenario:
 
     duration: float  # default duration [s]
     events: Script | None = None  # besides the load
+    takes: tuple[str, ...] = _ON_GROUND  # settings that it uses
     own: bool = False  # whether it has a load of its own, where the settings have none
     # of the load [s], from the duration [s]
     load_time: Callable[[SimulateSettings, float], float] = lambda _, duration: DEFAULTS.load_after * duration
@@ -182,13 +195,16 @@ class Scenario:
     stepping: bool = False  # whether it is of robots on two flat feet only
 
     def script(self, robot: Robot, settings: SimulateSettings, duration: float) -> list[ScriptEvent]:
-        """Events of a run of this duration [s], in order of time."""
+        """Events of a run of this duration [s], in order of time. Raises StaderaError: settings it does not use."""
+        settings.require(self.takes)
         events = [*self.events(robot, settings, duration)] if self.events else []
         if settings.load is not None or self.own:
             share = 0.5 * DEFAULTS.load if self.stepping else DEFAULTS.load  # beside one of two feet
             payload = (settings.load or Load(round(share * robot.mass, 2))).payload(robot)
             when = self.load_time(settings, duration) if settings.load_time is None else settings.load_time
             events.append(ScriptEvent(when, lambda bed: bed.plant.apply_payload(payload)))
+        elif settings.load_time is not None:
+            raise StaderaError("a run's load_time needs a load, or a scenario with one of its own, as stand-load")
         return sorted(events, key=lambda event: event.time)
 
 
@@ -297,24 +313,30 @@ def _played(robot: Robot, settings: SimulateSettings, duration: float) -> Sequen
     return [ScriptEvent(time, lambda bed: _of(Played, bed).play(table)) for time in (DEFAULTS.between, again)]
 
 
+_WALKING, _SWAYING = (*_ON_GROUND, "speed", "turn"), (*_ON_GROUND, "amplitude")
+_TROT = Scenario(8.0, _motion(_trot), _WALKING, gait=Trot.of)
+_CRAWL = Scenario(12.0, _motion(_crawl), _WALKING, gait=lambda robot: Crawl(TrunkController(robot)))
+_STEP = Scenario(10.0, _steps, (*_ON_GROUND, "speed"), stepping=True)
+
 SCENARIOS: Mapping[str, Scenario] = MappingProxyType(
     {
         "stand": Scenario(8.0, load_time=lambda *_: 0.0),
         "stand-load": Scenario(12.0, own=True),
         "poses": Scenario(33.0, _poses, load_time=lambda *_: 0.0),
-        "trot": Scenario(8.0, _motion(_trot), gait=Trot.of),
-        "trot-load": Scenario(8.0, _motion(_trot), own=True, gait=Trot.of),
-        "errands": Scenario(20.0, _errands, gait=Trot.of),
-        "crawl": Scenario(12.0, _motion(_crawl), gait=lambda robot: Crawl(TrunkController(robot))),
-        "crawl-load": Scenario(12.0, _motion(_crawl), own=True, gait=lambda robot: Crawl(TrunkController(robot))),
-        "shake": Scenario(8.0, _motion(_shake)),
-        "shake-load": Scenario(8.0, _motion(_shake), own=True),
-        "squat": Scenario(8.0, _squats),
-        "step": Scenario(10.0, _steps, stepping=True),
-        "step-load": Scenario(10.0, _steps, own=True, stepping=True),
+        "trot": _TROT,
+        "trot-load": replace(_TROT, own=True),
+        "errands": Scenario(20.0, _errands, _SWAYING, gait=Trot.of),
+        "crawl": _CRAWL,
+        "crawl-load": replace(_CRAWL, own=True),
+        "shake": Scenario(8.0, _motion(_shake), _SWAYING),
+        "shake-load": Scenario(8.0, _motion(_shake), _SWAYING, own=True),
+        "squat": Scenario(8.0, _squats, _SWAYING),
+        "step": _STEP,
+        "step-load": replace(_STEP, own=True),
         "motion": Scenario(
             13.0,
             _played,
+            (*_ON_GROUND, "motion"),
             load_time=lambda settings, _: _again(settings) - 0.5 * DEFAULTS.between,
             gait=lambda robot: Played(TrunkController(robot)),
         ),

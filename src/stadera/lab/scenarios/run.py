@@ -43,6 +43,7 @@ from stadera.lab.plant.world import TrueState
 from stadera.lab.reality.draw import DrawnRobot, drawn, with_usual_drives
 from stadera.lab.reality.log import TrueMotion, measured_log
 from stadera.lab.scenarios.catalog import (
+    ALWAYS,
     DEFAULTS,
     SWING,
     Scenario,
@@ -233,9 +234,10 @@ def swing(
     robot: Robot, leg: str = ALL, settings: SimulateSettings | None = None, progress: Progress | None = None
 ) -> Run:
     """Swings one leg of the model file's robot, or all at once, with the settings' errors, duration, rate and seed. The
-    same seed draws the same robot as for a run on the ground.
+    same seed draws the same robot as for a run on the ground. Raises StaderaError: settings of a run on the ground.
     """
     settings = settings or SimulateSettings()
+    settings.require(ALWAYS)
     draw = drawn(robot, settings.real_sizes, settings.seed) if settings.real_sizes else None
     real = draw.robot if draw else plant_model(robot, settings.sensor_errors)
     swings = _swings(robot, real, leg, settings, progress or (lambda *_: None), draw.friction if draw else None)
