@@ -244,11 +244,20 @@ def test_legs_below_a_waist_are_found(below: bool, tmp_path: Path) -> None:
     assert robot.extra is not None
     assert robot.extra.joints == ("waist",)
     assert "trunk 'hips', from which the legs hang, not 'torso'" in robot.notes
-    asked = load_robot(path, trunk="torso")
+    with pytest.raises(ModelError, match="no legs hang from trunk 'torso'; they hang from 'hips'"):
+        load_robot(path, trunk="torso")
+    asked = load_robot(path, trunk="hips")
     assert asked.trunk == asked.root == robot.root == "hips"
     for each in (robot, asked):
         with pytest.raises(ModelError, match=r"trunk 'hips' is not the root 'torso'.* or is found fixed to it"):
             check_export(each, tmp_path / "written.xml")
+
+
+def test_a_trunk_without_legs_is_refused() -> None:
+    path = load_robot("go2").source
+    with pytest.raises(ModelError, match="no legs hang from trunk 'FL_thigh'; they hang from 'base'") as refused:
+        load_robot(path, trunk="FL_thigh")
+    assert "\n" not in str(refused.value)
 
 
 # -- MJCF against MuJoCo --------------------------------------------------------------------------------------------

@@ -47,9 +47,9 @@ def load_robot(
         UnknownNameError: neither a known name nor a file, or no such foot or trunk in it.
         LimitError: the file exceeds the limits.
         MissingExtraError: the package that contains this named robot, or MuJoCo for an MJCF, is not installed.
-        ModelError: the file cannot be read, or has no legs: chains of two or more revolute joints that reach down
-            from the trunk. Legs of six joints or more, or of five without a ball at their end, have flat feet, others
-            point feet, and wheels touch below their axles.
+        ModelError: the file cannot be read, or no legs hang from its trunk, or from the one given: chains of two or
+            more revolute joints that reach down. Legs of six joints or more, or of five without a ball at their end,
+            have flat feet, others point feet, and wheels touch below their axles.
     """
     if isinstance(source, Robot):
         return source
@@ -58,8 +58,8 @@ def load_robot(
     name, path = resolve(source)
     file = read_model_file(path, limits)
     with foreign(path, "not understood as a robot", ModelError):
-        robot = _understand(file if trunk is None else rooted_at(file, trunk), feet)
-    return replace(robot, name=name or robot.name, feet=tuple(feet), root=robot.root or trunk)
+        robot = _understand(file, feet, trunk)
+    return replace(robot, name=name or robot.name, feet=tuple(feet))
 
 
 def read_model_file(path: Path, limits: Limits = DEFAULTS) -> ModelFile:
@@ -93,16 +93,19 @@ def parse_xml(path: Path, limits: Limits = DEFAULTS) -> Document:
     return document
 
 
-def _understand(file: ModelFile, feet: Sequence[str]) -> Robot:
+def _understand(file: ModelFile, feet: Sequence[str], trunk: str | None = None) -> Robot:
+    whole, file = file, file if trunk is None else rooted_at(file, trunk)
     try:
         chains, notes = find_legs(file, feet)
     except ModelError:
-        pelvis = None if feet else below_a_waist(file)
-        if pelvis is None:
+        other = None if feet else _trunk_with_legs(whole)
+        if other is None:
             raise
-        robot = _understand(rooted_at(file, pelvis), feet)
-        note = f"trunk {pelvis!r}, from which the legs hang, not {file.trunk!r}"
-        return replace(robot, root=robot.root or pelvis, notes=(note, *robot.notes))
+        if trunk is not None:
+            raise ModelError(f"{file.path}: no legs hang from trunk {trunk!r}; they hang from {other!r}") from None
+        robot = _understand(file, feet, other)
+        note = f"trunk {other!r}, from which the legs hang, not {file.trunk!r}"
+        return replace(robot, notes=(note, *robot.notes))
     order = [k for chain in chains for k in chain.links]
     file.require_open(order)
     locked = [file.joint(k).name for k in file.joints if k not in order]
@@ -129,8 +132,17 @@ def _understand(file: ModelFile, feet: Sequence[str]) -> Robot:
         source=file.path,
         notes=(*notes, *foot_notes, *limit_notes),
         extra=_extra(file, order),
+        root=trunk,
     )
     return with_unfelt(replace(robot, notes=(*robot.notes, *check_sense(robot))))
+
+
+def _trunk_with_legs(file: ModelFile) -> str | None:
+    """The file's trunk if legs hang from it, else the link below a waist from which they do; None for neither."""
+    with suppress(ModelError):
+        find_legs(file)
+        return file.trunk
+    return below_a_waist(file)
 
 
 def _extra(file: ModelFile, of_legs: Collection[int]) -> ExtraJoints | None:
