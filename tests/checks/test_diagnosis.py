@@ -17,7 +17,7 @@ from stadera.checks.instants import Instants
 from stadera.checks.residual import Footing, Gain
 from stadera.checks.signals import gravity_findings
 from stadera.checks.statics import Consistency, Tilts
-from stadera.errors import UntrustedError
+from stadera.errors import RecordingError, UntrustedError
 from stadera.inertia import skew
 from stadera.lab.scenarios.catalog import SimulateSettings
 from stadera.lab.scenarios.run import simulate
@@ -357,7 +357,13 @@ def test_a_gyro_that_is_zero_throughout_makes_the_figures_doubtful(hyq: Robot, c
     assert not any(finding.cause == "no_gyro" for finding in diagnose(still, hyq))
 
 
+@pytest.mark.parametrize("samples", [0, 1])
+def test_a_log_of_no_or_one_sample_is_refused(hyq: Robot, clean: Recording, samples: int) -> None:
+    short = take(clean, np.arange(len(clean)) < samples)
+    with pytest.raises(RecordingError, match=f"too few samples: {samples}, at least 2 are needed$"):
+        diagnose(short, hyq)
+
+
 def test_a_log_without_imu_or_torques_is_looked_at_as_far_as_it_goes(hyq: Robot, clean: Recording) -> None:
     assert diagnose(replace(clean, imu=None), hyq) == ()
     assert diagnose(replace(clean, effort=None), hyq) == ()
-    assert diagnose(take(clean, slice(0, 1)), hyq) == ()

@@ -27,7 +27,7 @@ from stadera.checks.residual import Footing, Gain
 from stadera.checks.signals import DEGREE, limit_findings, orientation_findings, sensor_findings, unit_findings
 from stadera.checks.statics import Consistency, hanging
 from stadera.checks.torques import pushing_at_rest, swapped_in_motion, torque_step
-from stadera.errors import UntrustedError, listed
+from stadera.errors import RecordingError, UntrustedError, listed
 from stadera.logs.mend import GYRO, Mend, changed
 from stadera.logs.reader import stream
 from stadera.logs.recording import Recording
@@ -50,14 +50,20 @@ def diagnose(
         imu_frame: frame of the IMU's values; None for the recording's own, else the model's.
 
     Raises:
+        RecordingError: fewer than two samples, in which nothing can be seen to stop or to move.
         UnknownNameError: no such frame.
     """
+    if len(recording) < 2:
+        raise RecordingError(f"{recording.source}: too few samples: {len(recording)}, at least 2 are needed")
     limits = limits or CheckLimits()
     joints, mount = [j for j in robot.tree.joints if j in recording.joints], _mount(recording, robot, imu_frame)
     blocks = Instants.of(recording, joints, mount, limits)
     found = [*sensor_findings(recording, limits), *unit_findings(recording, robot, blocks, limits)]
-    whole = len(joints) == len(robot.tree.joints) and len(recording) > 1
-    if not whole or recording.effort is None or any(finding.cause in _BLINDING for finding in found):
+    if (
+        len(joints) < len(robot.tree.joints)
+        or recording.effort is None
+        or any(finding.cause in _BLINDING for finding in found)
+    ):
         return tuple(found)
     if recording.imu is not None:
         found += orientation_findings(recording.imu, recording.time, limits)

@@ -114,10 +114,11 @@ class CheckedLog:
                 self.event = replace(self.event, end=self.end)
             elif not len(checked):
                 continue
-            elif findings := diagnose(checked, self._robot, self.imu_frame):
-                self._found(findings, checked, duration)
-            else:
-                self._sound = True
+            elif len(checked) > 1:
+                if findings := diagnose(checked, self._robot, self.imu_frame):
+                    self._found(findings, checked, duration)
+                else:
+                    self._sound = True
             if (used := self._used(checked.time)).any():
                 yield checked if used.all() else take(checked, used)
 
