@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -62,6 +63,18 @@ def test_missed_bound_is_said_and_is_no_failure(
     page = (tmp_path / "m.html").read_text()
     assert f"{int(met)} of 1 bound met" in page
     assert "Masses &lt;kg&gt;" in page
+
+
+def test_values_without_a_bound_are_measured(
+    run: Callable[..., Any], small: Callable[..., None], tmp_path: Path
+) -> None:
+    bare = replace(_result(0.5), records=tuple(replace(record, bound=None) for record in _result(0.5).records))
+    small(Experiment("mini", lambda *_: bare))
+    done = run("reproduce", "mini", "--report", tmp_path / "m.html")
+    assert "mini: measured, beside the paper's values" in done.out
+    page = (tmp_path / "m.html").read_text()
+    assert "Measured, beside the paper" in page
+    assert "bounds met" not in page + repr(bare) + done.out
 
 
 def test_all_goes_on_where_data_are_missing_and_says_so(

@@ -304,7 +304,8 @@ class ExperimentResult(Result):
 
     def __repr__(self) -> str:
         bounded = sum(record.met is not None for record in self.records)
-        return f"{self.title}: {len(self.records)} figures, {bounded - len(self.missed)} of {bounded} bounds met"
+        met = f", {bounded - len(self.missed)} of {bounded} bounds met" if bounded else ""
+        return f"{self.title}: {len(self.records)} figures{met}"
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON: name, title, facts, and the records that `stadera reproduce --json` lists."""

@@ -14,12 +14,14 @@ from stadera.report.table import SHOWN, Cell, TableData, legend, rich_table
 _WORDS = {True: "met", False: "NOT met", None: ""}
 
 
-def outcome(result: ExperimentResult) -> str:
-    """Number of bounds met, in half a sentence."""
-    bounded = sum(record.met is not None for record in result.records)
-    if not result.missed:
+def outcome(records: Sequence[Record]) -> str:
+    """Number of bounds met, in half a sentence; without bounds, what the values are beside."""
+    bounded, missed = (sum(record.met in met for record in records) for met in ((True, False), (False,)))
+    if missed:
+        return f"{missed} of {counted(bounded, 'bound')} NOT met"
+    if bounded:
         return "its bound is met" if bounded == 1 else f"all {bounded} bounds met"
-    return f"{len(result.missed)} of {counted(bounded, 'bound')} NOT met"
+    return "measured" + ", beside the paper's values" * any(record.paper is not None for record in records)
 
 
 def compared_records(result: ExperimentResult) -> tuple[Record, ...]:
@@ -62,7 +64,7 @@ def experiment_renderables(result: ExperimentResult | Skipped) -> Iterator[Rende
         yield Padding(below, (0, 0, 1, 1))
     if records := compared_records(result):
         yield rich_table(record_table(records))
-    yield Text(f"{result.name}: {outcome(result)}\n", style="bold red" if result.missed else "bold green")
+    yield Text(f"{result.name}: {outcome(result.records)}\n", style="bold red" if result.missed else "bold green")
 
 
 PAPER_CITED = (
@@ -76,9 +78,7 @@ PAPER_CITED = (
 def experiments_html(results: Sequence[ExperimentResult | Skipped]) -> str:
     """The complete, self-contained page."""
     done = [result for result in results if isinstance(result, ExperimentResult)]
-    missed = sum(len(result.missed) for result in done)
-    bounded = sum(record.met is not None for result in done for record in result.records)
-    level, word, said, why = _verdict(missed, bounded)
+    level, word, said, why = _verdict([record for result in done for record in result.records])
     again = f"stadera reproduce {done[0].name if len(done) == 1 else 'table1'}"
     return render(
         "experiments.html.j2",
@@ -98,20 +98,20 @@ def experiments_html(results: Sequence[ExperimentResult | Skipped]) -> str:
     )
 
 
-def _verdict(missed: int, bounded: int) -> tuple[str, str, str, str]:
+def _verdict(records: Sequence[Record]) -> tuple[str, str, str, str]:
+    missed, bounded = (sum(record.met in met for record in records) for met in ((False,), (True, False)))
+    said = f"{bounded - missed} of {counted(bounded, 'bound')} met" if bounded else outcome(records).capitalize()
     if missed:
         why = "A bound that is missed is a measurement, not an error; why is said below."
-        return "warning", f"{missed} missed", f"{bounded - missed} of {counted(bounded, 'bound')} met", why
-    if bounded:
-        return "note", "All met", f"{bounded} of {counted(bounded, 'bound')} met", ""
-    return "note", "Measured", "No bound is set; values alone", ""
+        return "warning", f"{missed} missed", said, why
+    return "note", "All met" if bounded else "Measured", said, ""
 
 
 def _outcome(result: ExperimentResult | Skipped) -> tuple[str, str, str]:
     if isinstance(result, Skipped):
         return "warning", "Skipped", f"{result.name}: {result.reason}"
-    level, word = ("warning", "Missed") if result.missed else ("note", "Met")
-    return level, word, f"{result.title}: {outcome(result)}."
+    level, word, *_ = _verdict(result.records)
+    return level, word, f"{result.title}: {outcome(result.records)}."
 
 
 def _experiment(result: ExperimentResult) -> dict[str, object]:
