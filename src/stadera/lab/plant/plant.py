@@ -182,11 +182,20 @@ class Plant:
             joint_velocity=self.joint_velocity,
             joint_acceleration=np.array(data.qacc[self._v]),
             effort=self.effort,
+            carried=self._carried(),
             foot_position=np.array(data.site_xpos[self._contacts.feet]),
             contact_point=points,
             foot_force=forces,
             foot_contact=touching,
         )
+
+    def _carried(self) -> Array:
+        """Torque (n,) [N·m] that each joint passes on to its link, with the sticking or sliding friction as solved."""
+        data, v = self._data, self._v
+        friction, rows = np.zeros(self._model.nv), slice(data.ne, data.ne + data.nf)
+        friction[data.efc_id[rows]] = data.efc_force[rows]
+        passed = data.qfrc_actuator + data.qfrc_applied + data.qfrc_passive + friction
+        return np.asarray((passed - self._model.dof_armature * data.qacc)[v])
 
     # -- inside -----------------------------------------------------------------------------------------------
     def _build(self) -> None:

@@ -196,6 +196,8 @@ class TrueState:
     joint_velocity: Array  # (n,) [rad/s]
     joint_acceleration: Array  # (n,) [rad/s²]
     effort: Array  # (n,) [N·m], torques of the actuators on the joints
+    # (n,) [N·m], torques that the gears pass on: effort less joint friction and what accelerates the rotors
+    carried: Array
     foot_position: Array  # (L, 3) [m], centres of the feet in the world, legs in the robot's order
     contact_point: Array  # (L, 3) [m], contact points, world; NaN for feet in the air
     foot_force: Array  # (L, 3) [N], forces of the ground on the feet, world axes

@@ -9,6 +9,7 @@ import numpy as np
 from scipy.signal import butter, lfilter, lfilter_zi
 from scipy.spatial.transform import Rotation
 
+from stadera.body.torques import JointMotion, JointTorqueRegressor
 from stadera.constants import GRAVITY
 from stadera.lab.plant.sensors import STANDARD, effort_limits
 from stadera.lab.plant.world import TrueState
@@ -17,6 +18,8 @@ from stadera.logs import Imu, Recording
 from stadera.robot.imu import ImuMount
 from stadera.robot.model import Robot
 from stadera.types import Array
+
+_MOTION = ("position", "velocity", "acceleration")
 
 
 @dataclass(frozen=True)
@@ -38,7 +41,8 @@ class TrueMotion:
     time: Array  # (samples,) [s]
     position: Array  # (samples, n) [rad]
     velocity: Array  # (samples, n) [rad/s]
-    effort: Array  # (samples, n) [N·m]
+    effort: Array  # (samples, n) [N·m], of the motors
+    carried: Array  # (samples, n) [N·m], by the gears
     orientation: Array  # (samples, 4) quaternion xyzw of the trunk in the world
     angular_velocity: Array  # (samples, 3) [rad/s], trunk axes
     angular_acceleration: Array  # (samples, 3) [rad/s²], trunk axes
@@ -47,18 +51,26 @@ class TrueMotion:
     @classmethod
     def of(cls, states: Sequence[TrueState], robot: Robot) -> TrueMotion:
         """The motion of a robot on the ground."""
-        joints = ("joint_position", "joint_velocity", "effort")
+        joints = ("joint_position", "joint_velocity", "effort", "carried")
         trunk = ("orientation", "angular_velocity", "angular_acceleration", "linear_acceleration")
         values = [np.array([getattr(state, name) for state in states]) for name in joints + trunk]
         return cls(robot.tree.joints, np.array([state.time for state in states]), *values)
 
     @classmethod
-    def held(cls, recording: Recording) -> TrueMotion:
-        """The motion of legs on a trunk that is held level and still, from an exact recording."""
+    def held(cls, recording: Recording, robot: Robot) -> TrueMotion:
+        """The motion of the true robot's legs on a trunk that is held level and still, from an exact recording. Gears
+        carry what the links' inverse dynamics ask for.
+        """
         velocity, effort = (recording.channel(name, recording.joints) for name in ("velocity", "effort"))
+        links = {f"{link}.{name}": v for link, body in robot.inertias.items() for name, v in body.to_dict().items()}
+        carried = np.empty_like(effort)
+        for leg in (leg for leg in robot.legs if leg.joints[0] in recording.joints):
+            at, tree = [recording.index(joint) for joint in leg.joints], robot.leg_tree(leg.name)
+            moving = JointMotion(*(recording.channel(name, leg.joints) for name in _MOTION))
+            carried[:, at] = JointTorqueRegressor(tree).predict(moving, links)
         level, still = np.tile([0.0, 0.0, 0.0, 1.0], (len(recording), 1)), np.zeros((len(recording), 3))
         position = recording.position
-        return cls(recording.joints, recording.time, position, velocity, effort, level, still, still, still)
+        return cls(recording.joints, recording.time, position, velocity, effort, carried, level, still, still, still)
 
 
 def measured_log(
@@ -67,6 +79,10 @@ def measured_log(
     """Makes the log of a true motion, known at every millisecond.
 
     Torques are delayed, then scaled and offset; the IMU is misaligned and displaced; positions get their zero errors.
+    Motor and rotor turn before an elastic gear of compliance c, and so do friction and the encoder: of the motor's
+    torque τ the gear carries what is left for the link, τ - friction - I_rotor q̈, and gives way by c times that. The
+    encoder reads q + c (τ - friction - I_rotor q̈), so a joint that turns round does not make it jump, though τ does.
+    The motion itself is that of stiff gears.
     All channels are sampled at `rate` (1000 Hz over an integer; None for the drawn one), get white noise, and are
     quantised if the draw includes this; then what varies over the log is applied, single outliers are added, and
     samples removed. `robot` is the model file's.
@@ -76,7 +92,7 @@ def measured_log(
     period = (time[-1] - time[0]) / (len(time) - 1)
     kept = slice(None, None, round(1.0 / (rate or draw.rate) / period))
     noise, limit = STANDARD.times(draw.noise), effort_limits(robot)[columns]
-    gears = motion.effort * draw.compliance[columns]  # motors are ahead of the joints by what gears give way
+    gears = motion.carried * draw.compliance[columns]
     encoder = motion.position + draw.encoder_zero[columns] + gears
     shape = encoder[kept].shape
     position = encoder[kept] + noise.position * rng.standard_normal(shape)

@@ -253,7 +253,7 @@ def swing(
     )
     if draw is None:
         return Run(measured(exact, robot, settings.sensor_errors, settings.seed), truth, exact, robot)
-    motion, source = TrueMotion.held(_merged(swings)), f"simulated {robot.name}, {SWING}"
+    motion, source = TrueMotion.held(_merged(swings), real), f"simulated {robot.name}, {SWING}"
     return Run(measured_log(motion, robot, draw, settings.seed, settings.rate, source), truth, exact, robot)
 
 
