@@ -61,7 +61,8 @@ class ModelErrors:
             half to half of 24 s, without a load, it is 0.038 % on the real Go2 and 0.021 % on the real Aliengo, root
             mean squares, and from quarter to quarter, 6 and 18 s apart, 0.028 and 0.059 %, 0.014 and 0.029 %: it grows
             at least with the square root of the time. Loaded drives warm up more.
-        surest: least standard deviation of these terms of an identified joint, share of an unidentified one's [1].
+        surest: least standard deviation of these terms of an identified joint, share of an unidentified one's [1]: the
+            floor rises with `gears`, so friction that is assumed larger makes no joint better known.
         alike: correlation of rotor inertia and friction between the legs' joints of one kind [1], which have drives of
             one type.
         load_friction: friction as a share of the torque that a joint carries [1], in addition to Coulomb friction.
