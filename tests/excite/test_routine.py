@@ -6,6 +6,7 @@ import runpy
 import sys
 import time
 import types
+from base64 import b64decode
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -23,6 +24,7 @@ from stadera.excite.trunk.planted import AXES, Drawn, Planted
 from stadera.excite.trunk.result import INTERFACES, Routine, player
 from stadera.inertia import InertialParameters
 from stadera.lab.pinocchio import pinocchio_model
+from stadera.report.excite.trunk import film
 from stadera.robot import load_robot
 from stadera.trunk import TrunkEstimator
 
@@ -106,6 +108,18 @@ def test_robots_that_were_not_drawn_are_weighed_as_promised(routine: Routine) ->
     ratio = np.median(bars, axis=0) / [routine.expected.mass, *routine.expected.com[:2]]
     assert ((ratio > 1 / 1.7) & (ratio < 1.7)).all(), ratio
     assert np.abs(apart).max() < 3.0
+
+
+def test_the_film_shows_feet_that_stay_in_place_and_a_trunk_that_does_not(routine: Routine) -> None:
+    shown = film(routine)
+    assert shown["count"] * shown["interval"] == pytest.approx(routine.settings.seconds, abs=2.0 * shown["interval"])
+    for view in shown["views"]:
+        numbers = np.frombuffer(b64decode(view["corners"]), "<i2").reshape(shown["count"], len(view["colours"]), 24, 2)
+        moved = np.ptp(numbers, axis=0).max(axis=(1, 2))  # [mm], of each part's corners
+        parts = np.array(view["colours"])
+        assert (parts == "foot").sum() == len(routine.robot.legs)
+        assert moved[parts == "foot"].max() < 2.0
+        assert moved[parts == "shell"].min() > 5.0
 
 
 def test_a_heavy_load_slips_no_foot_and_exceeds_no_limit(routine: Routine) -> None:

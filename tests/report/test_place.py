@@ -6,9 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial import ConvexHull
+from scipy.spatial.transform import Rotation
 
 from stadera.report.figures import Figure, Panel, Series
-from stadera.report.figures.robot import limbs, poses, silhouette, soles
+from stadera.report.figures.robot import limbs, outlines, poses, silhouette, soles
 from stadera.report.weigh.plots import place_figure
 from stadera.report.weigh.tables import how_sure, may_be_used, where
 from stadera.robot import load_robot
@@ -44,12 +46,32 @@ def test_feet_are_drawn_where_the_kinematics_have_them(weighed: Weighing) -> Non
 
 def test_every_joint_is_inside_of_the_drawing(weighed: Weighing) -> None:
     robot, position = weighed.robot, weighed.stance.position
-    origins = poses(robot, position)[1]
+    origins = poses(robot, position[None])[1][0]
     for view in (SIDE, ABOVE):
         points = np.concatenate([np.column_stack(mark.path()) for mark in silhouette(robot, position, view)])
         low, high = np.nanmin(points, axis=0), np.nanmax(points, axis=0)
         assert (origins @ view.T > low).all()
         assert (origins @ view.T < high).all()
+
+
+def test_a_drawing_contains_its_parts_and_moves_with_the_trunk(weighed: Weighing) -> None:
+    """Every ball's rim is within the hull of its part's corners; a turn about the view's axis turns the drawing."""
+    robot, q = weighed.robot, weighed.stance.position[None]
+    still = [corners[0] for _, corners in outlines(robot, q, SIDE)]
+    turn, shift = Rotation.from_euler("y", [[0.3]]).as_matrix(), np.array([[0.1, -0.2, 0.05]])
+    moved = [corners[0] for _, corners in outlines(robot, q, SIDE, turn, shift)]
+    for before, after in zip(still, moved, strict=True):
+        expected = before @ turn[0][np.ix_([0, 2], [0, 2])].T + shift[0, [0, 2]]
+        size = np.ptp(before, axis=0).max()
+        assert np.abs(after.mean(axis=0) - expected.mean(axis=0)).max() < 0.05 * size
+        assert ConvexHull(after).volume == pytest.approx(ConvexHull(before).volume, rel=0.05)
+    rotations, origins = poses(robot, q)
+    part = next(part for leg in robot.legs for part in limbs(robot, leg) if part.kind == "limb")
+    ends = (part.centres @ rotations[0, part.link].T + origins[0, part.link]) @ SIDE.T
+    for angle in np.linspace(0.0, 2.0 * np.pi, 25)[:-1]:
+        direction = np.array([np.cos(angle), np.sin(angle)])
+        farthest = (ends @ direction + part.radii).max()
+        assert any(abs((corners @ direction).max() - farthest) < 1e-12 for corners in still)
 
 
 def test_legs_of_any_number_of_joints_taper(weighed: Weighing) -> None:
@@ -96,7 +118,7 @@ def test_where_the_height_is_not_known_the_outline_is_as_tall_as_the_robot(reste
 
 def test_a_load_on_a_link_is_drawn_there(weighed: Weighing) -> None:
     held = replace(weighed, payload=replace(weighed.payload, at="lf_lowerleg"))
-    links, (rotations, origins) = weighed.robot.tree.links, poses(weighed.robot, weighed.stance.position)
+    links, ((rotations,), (origins,)) = weighed.robot.tree.links, poses(weighed.robot, weighed.stance.position[None])
     k = links.index("lf_lowerleg")
     mark = named(views(held)[0], "payload")
     expected = SIDE @ (origins[k] + rotations[k] @ weighed.payload.com)

@@ -1,6 +1,7 @@
 """Report of a weighing routine: tables, figures, terminal, and page with a film of the motion."""
 
 import json
+from base64 import b64encode
 from collections.abc import Iterator
 from math import isfinite
 from typing import Any
@@ -13,9 +14,9 @@ from scipy.spatial.transform import Rotation
 from stadera.excite.trunk.planted import AXES
 from stadera.excite.trunk.result import Routine
 from stadera.report.figures import Axis, Figure, Panel, line
+from stadera.report.figures.robot import outlines
 from stadera.report.numbers import counted, number
 from stadera.report.table import TableData, rich_table
-from stadera.robot.kinematics import forward_kinematics
 
 
 def promise(result: Routine) -> str:
@@ -89,24 +90,18 @@ def routine_tables(result: Routine) -> Iterator[RenderableType]:
     yield from map(rich_table, tables(result))
 
 
-def film(result: Routine, rate: float = 25.0) -> dict[str, Any]:
-    """Points of the trunk's outline and of the legs in the world [m], picture by picture, and the interval [s]."""
-    planted, robot = result.planted, result.robot
-    every = max(1, round(result.settings.rate / rate))
+def film(result: Routine, rate: float = 10.0) -> dict[str, Any]:
+    """The robot from the side and from the front: of each view the colours of its parts, and their corners in the world
+    (pictures, parts, corners, 2) [mm], 16-bit integers in base64; the interval of the pictures [s], and their number.
+    """
+    planted, every = result.planted, max(1, round(result.settings.rate / rate))
     q, pose = planted.motion.position[::every], planted.pose[::every]
-    rotations, translations = forward_kinematics(robot.tree, q)
-    lines = []
-    for leg in robot.legs:
-        at = [robot.tree.links.index(link) for link in leg.links]
-        foot = translations[:, at[-1]] + rotations[:, at[-1]] @ np.array(leg.foot_position)
-        lines.append(np.concatenate([translations[:, at], foot[:, None]], axis=1))
-    hips = np.array(robot.hips)
-    middle = hips.mean(axis=0)
-    around = np.argsort(np.arctan2(hips[:, 1] - middle[1], hips[:, 0] - middle[0]))
-    lines.append(np.broadcast_to(hips[[*around, around[0]]], (len(q), len(hips) + 1, 3)))
-    turn = Rotation.from_euler("ZYX", pose[:, [2, 1, 0]]).as_matrix()
-    world = [np.round(points @ turn.transpose(0, 2, 1) + pose[:, None, 3:], 4).tolist() for points in lines]
-    return {"lines": world, "interval": every / result.settings.rate}
+    turn, views = Rotation.from_euler("ZYX", pose[:, [2, 1, 0]]).as_matrix(), []
+    for axes in ([0, 2], [1, 2]):
+        colours, corners = zip(*outlines(result.robot, q, np.eye(3)[axes], turn, pose[:, 3:]), strict=True)
+        numbers = np.round(1e3 * np.stack(corners, axis=1)).astype("<i2")
+        views.append({"colours": colours, "corners": b64encode(numbers.tobytes()).decode()})
+    return {"views": views, "interval": every / result.settings.rate, "count": len(q)}
 
 
 def html(result: Routine) -> str:

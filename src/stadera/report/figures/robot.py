@@ -71,14 +71,34 @@ def soles(robot: Robot, leg: Leg) -> Array:
 
 
 def poses(robot: Robot, position: Array) -> tuple[Array, Array]:
-    """Rotations (links, 3, 3) and origins (links, 3) [m] of all links in the trunk frame, those outside the legs at
-    their reference; `position` (joints,) [rad] in the tree's order.
+    """Rotations (N, links, 3, 3) and origins (N, links, 3) [m] of all links in the trunk frame, those outside the legs
+    at their reference; `position` (N, joints) [rad] in the tree's order.
     """
-    rotations, origins = (values[0] for values in forward_kinematics(robot.tree, position[None]))
+    rotations, origins = forward_kinematics(robot.tree, position)
     if robot.extra is None:
         return rotations, origins
-    others = robot.extra.poses(robot.extra.reference)
-    return np.stack([*rotations, *(R for R, _ in others)]), np.stack([*origins, *(p for _, p in others)])
+    turned, placed = zip(*robot.extra.poses(robot.extra.reference), strict=True)
+    R, p = (np.repeat(np.array(values)[None], len(position), axis=0) for values in (turned, placed))
+    return np.concatenate([rotations, R], axis=1), np.concatenate([origins, p], axis=1)
+
+
+def outlines(
+    robot: Robot, position: Array, view: Array, turn: Array | None = None, shift: Array | None = None
+) -> Iterator[tuple[str, Array]]:
+    """The robot's parts as seen along a direction, from the back to the front: a colour, and corners (N, 24, 2) [m].
+
+    Args:
+        position: (N, joints) [rad], in the tree's order.
+        view: (2, 3), the axes of the figure in the world's. turn, shift: (N, 3, 3) and (N, 3) [m], pose of the trunk in
+            the world; None for the trunk's axes.
+    """
+    rotations, origins = poses(robot, position)
+    if turn is not None and shift is not None:
+        rotations, origins = turn[:, None] @ rotations, origins @ turn.transpose(0, 2, 1) + shift[:, None]
+    parts = [*_body(robot), *_outside(robot), *(part for leg in robot.legs for part in limbs(robot, leg))]
+    for kind, colour in _COLOURS.items():
+        for part in (part for part in parts if part.kind == kind):
+            yield colour, _seen(part, view @ rotations[:, part.link], origins[:, part.link] @ view.T)
 
 
 def silhouette(robot: Robot, position: Array, view: Array) -> tuple[Series, ...]:
@@ -88,16 +108,10 @@ def silhouette(robot: Robot, position: Array, view: Array) -> tuple[Series, ...]
         position: (joints,) [rad], in the tree's order.
         view: (2, 3), the axes of the figure in the trunk's.
     """
-    rotations, origins = poses(robot, position)
-    outlines: dict[Kind, list[Array]] = {kind: [] for kind in _COLOURS}
-    for part in (*_body(robot), *_outside(robot), *(part for leg in robot.legs for part in limbs(robot, leg))):
-        turned = rotations[part.link]
-        middle = (part.centres @ turned.T + origins[part.link]) @ view.T
-        rings = middle[:, None] + part.radii[:, None, None] * _CIRCLE
-        if part.kind == "drive":
-            rings = middle[:, None] + _disc(part, view @ turned)
-        outlines[part.kind].append(_hull(rings.reshape(-1, 2)))
-    return tuple(_area(parts, _COLOURS[kind]) for kind, parts in outlines.items() if parts)
+    parts: dict[str, list[Array]] = {}
+    for colour, corners in outlines(robot, position[None], view):
+        parts.setdefault(colour, []).append(corners[0])
+    return tuple(_area(own, colour) for colour, own in parts.items())
 
 
 def outline(points: Array) -> Array:
@@ -134,12 +148,21 @@ def _outside(robot: Robot) -> Iterator[RobotPart]:
         yield RobotPart(kind, first + k, np.array([np.zeros(3), *ends]), np.full(len(ends) + 1, wide))
 
 
-def _disc(part: RobotPart, view: Array) -> Array:
-    """A drive's rim (24, 2) as seen, about its axis."""
-    along = part.centres[-1] - part.centres[0]
-    along = along / (np.linalg.norm(along) or 1.0)
-    across = np.linalg.svd(along[None])[2][1:]
-    return np.asarray(part.radii[0] * _CIRCLE @ across @ view.T)
+def _seen(part: RobotPart, axes: Array, origin: Array) -> Array:
+    """Corners (N, 24, 2) [m] of a part: its points farthest in directions all around, of discs across a drive's axis,
+    of balls else; the link's axes (N, 2, 3) and origin (N, 2) as seen.
+    """
+    middles = part.centres @ axes.transpose(0, 2, 1) + origin[:, None]  # (N, k, 2)
+    rims = part.radii[:, None, None] * _CIRCLE
+    if part.kind == "drive":
+        along = part.centres[-1] - part.centres[0]
+        across = axes @ np.linalg.svd(along[None])[2][1:].T
+        inside = _CIRCLE @ across  # the direction in each disc that leads farthest
+        inside = inside / np.maximum(np.linalg.norm(inside, axis=2, keepdims=True), 1e-12)
+        rims = (part.radii[0] * inside @ across.transpose(0, 2, 1))[:, None]
+    corners = middles[:, :, None] + rims  # (N, k, 24, 2)
+    farthest = (corners * _CIRCLE).sum(axis=3).argmax(axis=1)
+    return np.asarray(np.take_along_axis(corners, farthest[:, None, :, None], axis=1)[:, 0])
 
 
 def _hull(points: Array) -> Array:

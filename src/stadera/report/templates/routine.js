@@ -1,32 +1,35 @@
-// Plays the motion as lines, from the side and from the front.
+// Plays the motion: parts of the robot as outlines, from the side and from the front, between pictures linearly.
 (() => {
-  const { lines, interval } = JSON.parse(document.getElementById("film-data").textContent);
-  const views = [...document.querySelectorAll(".film")].map((canvas) => canvas.getContext("2d"));
-  const all = lines.flat(2), span = (k) => [Math.min(...all.map((p) => p[k])), Math.max(...all.map((p) => p[k]))];
-  const ranges = [span(0), span(1), span(2)], { width, height } = views[0].canvas;
-  const scale = 0.85 * Math.min(...ranges.map(([low, high], k) => (k < 2 ? width : height) / (high - low)));
+  const { views, interval, count } = JSON.parse(document.getElementById("film-data").textContent);
+  const pens = [...document.querySelectorAll(".film")].map((canvas) => canvas.getContext("2d"));
+  const decoded = (text) => new Int16Array(Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0)).buffer);
+  const points = views.map((view) => decoded(view.corners)), { width, height } = pens[0].canvas;
+  const span = (of, k) => of.reduce((s, v, i) => (i % 2 === k ? [Math.min(s[0], v), Math.max(s[1], v)] : s), [1e5, -1e5]);
+  const across = points.map((of) => span(of, 0)), up = span(points[0], 1), ground = height * 0.95;
+  const sizes = [...across.map((s) => width / (s[1] - s[0])), height / (up[1] - up[0])], scale = 0.9 * Math.min(...sizes);
   const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue("--" + name);
-  const ground = height * 0.95, trunk = lines.length - 1;
-  const draw = (k) => views.forEach((pen, axis) => {
-    const middle = (ranges[axis][0] + ranges[axis][1]) / 2;
-    const at = (p) => [width / 2 + scale * (p[axis] - middle), ground - scale * (p[2] - ranges[2][0])];
+  const draw = (at) => pens.forEach((pen, which) => {
+    const { colours } = views[which], all = points[which], size = all.length / count, corners = size / colours.length;
+    const k = Math.floor(at) % count, share = k < count - 1 ? at % 1 : 0, middle = (across[which][0] + across[which][1]) / 2;
+    const value = (i) => all[k * size + i] + (share && share * (all[(k + 1) * size + i] - all[k * size + i]));
     pen.clearRect(0, 0, width, height);
     pen.fillStyle = colour("line");
     pen.fillRect(0, ground, width, 3);
-    pen.lineJoin = pen.lineCap = "round";
-    lines.forEach((pictures, which) => {
-      pen.strokeStyle = pen.fillStyle = colour(which === trunk ? "orange" : "blue");
-      pen.lineWidth = which === trunk ? 16 : 9;
+    colours.forEach((name, part) => {
+      pen.strokeStyle = pen.fillStyle = colour(name);
       pen.beginPath();
-      pictures[k].forEach((p, i) => pen[i ? "lineTo" : "moveTo"](...at(p)));
+      for (let i = part * corners; i < (part + 1) * corners; i += 2)
+        pen.lineTo(width / 2 + scale * (value(i) - middle), ground - scale * (value(i + 1) - up[0]));
+      pen.closePath();
+      pen.globalAlpha = 0.4;
+      pen.fill();
+      pen.globalAlpha = 1;
       pen.stroke();
-      if (which === trunk) pen.fill();
     });
   });
   const still = matchMedia("(prefers-reduced-motion: reduce)").matches;
-  const count = lines[0].length;
   const step = (now) => {
-    draw(Math.floor(now / 1000 / interval) % count);
+    draw(now / 1000 / interval);
     if (!still) requestAnimationFrame(step);
   };
   requestAnimationFrame(step);

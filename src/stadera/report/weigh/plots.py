@@ -194,9 +194,9 @@ def _payload(result: Weighing, stance: Stance, payload: Payload) -> Iterator[_Ce
 
 def _frame(robot: Robot, stance: Stance, name: str) -> tuple[Array, Array]:
     """Rotation (3, 3) and origin (3,) [m] of a link or frame, trunk frame."""
-    place, (rotations, origins) = place_of(robot, name), poses(robot, stance.position)
-    turned = rotations[place.body + 1]
-    return turned @ place.rotation, turned @ place.translation + origins[place.body + 1]
+    place, (rotations, origins) = place_of(robot, name), poses(robot, stance.position[None])
+    turned = rotations[0, place.body + 1]
+    return turned @ place.rotation, turned @ place.translation + origins[0, place.body + 1]
 
 
 def _marks(centres: list[_Centre], view: Array, span: tuple[float, float] | None) -> Iterator[Series]:
@@ -237,7 +237,7 @@ def _ground(result: Weighing, stance: Stance) -> Array:
     """Points (k, 3) [m] of the feet that carry, on the ground, trunk frame."""
     if isinstance(stance, Balance):
         return stance.feet[stance.stance]
-    rotations, origins = poses(result.robot, stance.position)
+    (rotations,), (origins,) = poses(result.robot, stance.position[None])
     points = []
     for leg in result.robot.legs:
         last = result.robot.tree.links.index(leg.links[-1])
