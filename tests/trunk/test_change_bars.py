@@ -10,7 +10,7 @@ from stadera.lab.scenarios.run import simulate
 from stadera.robot import load_robot
 from stadera.trunk.estimator import TrunkEstimator
 from stadera.trunk.samples import Samples
-from stadera.trunk.settings import ChangeSettings
+from stadera.trunk.settings import ChangeSettings, ModelErrors, TrunkSettings
 
 SETTINGS = ChangeSettings()
 BLOCK = 0.02
@@ -44,3 +44,23 @@ def test_a_tare_leaves_out_its_blocks_and_bars_say_what_errors_do() -> None:
     assert payload is not None
     assert payload.mass == pytest.approx(8.0, abs=0.6)
     assert 0.6 < change.mass_std / payload.mass_std < 1.6  # both know the models' errors
+
+
+@pytest.mark.parametrize("joint", [None, "lf_kfe_joint"])
+def test_a_joint_that_never_rests_does_not_put_off_what_a_standing_robot_notices(joint: str | None) -> None:
+    """One joint's encoder goes to and fro by 20 mrad once a second; a tenth of the robot is put on after 4 s."""
+    robot = load_robot("hyq")
+    settings = SimulateSettings("standard", Load(0.1 * robot.mass), duration=5.5, seed=3, load_time=4.0, hold=2)
+    log = simulate(robot, "stand", settings).recording
+    assert log.velocity is not None
+    if joint is not None:
+        k, turn = log.index(joint), 2.0 * np.pi * log.time
+        log.position[:, k] += 0.02 * np.sin(turn)
+        log.velocity[:, k] += 0.02 * 2.0 * np.pi * np.cos(turn)
+    free = TrunkSettings(model=ModelErrors(coulomb=1e-4, load_friction=0.0))  # as these simulated drives are
+    estimator = TrunkEstimator(robot, settings=free)
+    estimator.add(Samples.of_recording(log, robot))
+    (change,) = estimator.changes
+    assert change.time == pytest.approx(4.0, abs=0.1)
+    assert change.noticed < 4.6
+    assert change.mass == pytest.approx(0.1 * robot.mass, abs=3.0 * change.mass_std)

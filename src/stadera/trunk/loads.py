@@ -85,10 +85,13 @@ class LoadChanges:
             return Found.BACK
         before = history.aged
         # friction of joints that stop would pass for a load against an estimate from joints that slide, or reversely:
-        # a robot that has stood begins to move joint by joint
-        slid = 2.0 * before.moved > before.weight
-        slides = rows.sliding >= self._settings.changes.sliding if slid else rows.sliding > 0.0
-        jump = self.detector.look(history, errors, held or slides != slid)
+        # a robot that has stood begins to move joint by joint, each that had rested for most of the time
+        if 2.0 * before.moved > before.weight:
+            other = rows.sliding < self._settings.changes.sliding
+        else:
+            rested = 2.0 * before.slid.sum(axis=0) <= before.weight
+            other = bool((rows.slides.any(axis=0) & rested).any())
+        jump = self.detector.look(history, errors, held or other)
         if jump is None or self.place(history, errors):
             return Found.SAME
         self._divide(jump, history, errors, rows.time)

@@ -46,7 +46,7 @@ from stadera.body.rows import discounted
 from stadera.trunk.block_rows import WeightedRows
 from stadera.trunk.error_model import ErrorLayout
 from stadera.trunk.placed import Held, Told, TrunkAndLoad, folded, told
-from stadera.types import Array, Bools
+from stadera.types import Array
 
 _KINDS = 3  # of residues: of blocks at rest, of blocks in motion, and of limbs
 _OF_LIMBS = 2
@@ -97,7 +97,7 @@ class Segment:
         below, limbs: (loads, loads + 1 + errors), L, y and H, and N, x and J.
         louder: variance of the trunk's rows in their unit [1]; that of the limbs' is one.
         held: where a load is that the trunk does not contain, and the trunk without it; None if there is none.
-        slid: (2, joints), joints that have slid forward, and backward, since the first row.
+        slid: (2, joints), sums of the weights of blocks in which joints slide forward, and backward [1].
         marks: what was known at up to two earlier blocks, see `earlier`.
         residues: rows that blocks leave beyond the triangles.
     """
@@ -112,7 +112,7 @@ class Segment:
     stepped: float = 0.0
     below: Array = field(default_factory=lambda: np.zeros((0, 0)))
     held: Held | None = None
-    slid: Bools = field(default_factory=lambda: np.zeros((2, 1), dtype=bool))
+    slid: Array = field(default_factory=lambda: np.zeros((2, 1)))
     limbs: Array = field(default_factory=lambda: np.zeros((0, 0)))
     limb_count: float = 0.0
     louder: float = 1.0
@@ -156,7 +156,7 @@ class Segment:
             keep * self.stepped + weight * (moving and rows.stepping),
             below,
             self.held,
-            self.slid | rows.slides,
+            keep * self.slid + weight * rows.slides,
             limbs,
             limb_count,
             self.louder if louder is None else louder,
@@ -180,7 +180,7 @@ class Segment:
         """
         if rows.hidden is None or not ((moves := self.moves(rows)) or self.moved):
             return rows
-        free = self.slid.all(axis=0)
+        free = (self.slid > 0.0).all(axis=0)
         columns = rows.columns.copy()
         if moves:  # what a robot that has stopped holds lasts
             C, place = columns[:, 11:], self.layout.places
