@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stadera.checks.limits import CheckLimits
-from stadera.logs.mend import ACCELEROMETER, GYRO, Mend, upwards
+from stadera.logs.mend import ACCELEROMETER, GYRO, Mend
 from stadera.logs.recording import Recording
 from stadera.robot.imu import ImuMount
 from stadera.types import Array
@@ -35,10 +35,6 @@ class Instants:
     # specific_force, angular_velocity: (instants, 3) [m/s², rad/s], trunk axes, means; None without an IMU
     specific_force: Array | None = None
     angular_velocity: Array | None = None
-    # vertical, turning: (instants, 3) [1, 1/s], the world's vertical by the IMU's orientation, mean and slope, in the
-    # same axes; None without one
-    vertical: Array | None = None
-    turning: Array | None = None
     lever: Array = field(default_factory=lambda: np.zeros(3))  # (3,) [m], of the IMU, trunk frame
 
     def __len__(self) -> int:
@@ -73,9 +69,6 @@ class Instants:
         vectors: dict[str, Array] = {}
         if imu is not None:
             vectors = {"specific_force": mean(imu.linear_acceleration), "angular_velocity": mean(imu.angular_velocity)}
-            if imu.orientation is not None:
-                up = upwards(imu.orientation)
-                vectors |= {"vertical": mean(up), "turning": slope(up)}
         turn = np.eye(3) if mount is None else mount.rotation.T
         return cls(
             joints=tuple(joints),

@@ -13,7 +13,7 @@ from stadera.checks.limits import CheckLimits
 from stadera.checks.statics import block_means, blocks_of
 from stadera.constants import GRAVITY
 from stadera.errors import listed
-from stadera.logs.mend import ACCELEROMETER, GYRO, Mend, upwards
+from stadera.logs.mend import ACCELEROMETER, Mend, upwards
 from stadera.logs.recording import Imu, Recording
 from stadera.logs.sampling import GAP_FACTOR
 from stadera.logs.units import FACTORS
@@ -35,9 +35,8 @@ def unit_findings(
     found = [*time_findings(recording, limits), *position_findings(recording, robot, limits)]
     if not found and blocks.joints and len(recording) > 1:
         found += velocity_findings(blocks, limits)
-    gravity = () if recording.imu is None else tuple(gravity_findings(recording.imu, limits))
-    gyro = () if found or gravity else tuple(gyro_findings(blocks, limits))
-    return (*found, *gravity, *gyro)
+    gravity = () if recording.imu is None else gravity_findings(recording.imu, limits)
+    return (*found, *gravity)
 
 
 def time_findings(recording: Recording, limits: CheckLimits) -> Iterator[Finding]:
@@ -192,33 +191,6 @@ def gravity_findings(imu: Imu, limits: CheckLimits) -> Iterator[Finding]:
         why = "its unit or scale is wrong"
     text = f"the specific force is {size:.3g} m/s² where gravity is {GRAVITY:g} m/s²: {why}"
     yield Finding("imu_gravity", text, option, mend)
-
-
-def gyro_findings(blocks: Instants, limits: CheckLimits) -> Iterator[Finding]:
-    """Compares the gyro with the rotation of the IMU's orientation: unit and sign."""
-    if not len(blocks) or blocks.turning is None or blocks.vertical is None or blocks.angular_velocity is None:
-        return
-    turning = -np.cross(blocks.angular_velocity, blocks.vertical)  # of the vertical, in the trunk's axes
-    square = float((blocks.turning**2).sum())
-    speed = np.sqrt(square / len(blocks))
-    if not np.isfinite(speed) or speed < limits.turning:
-        return
-    both = float((turning * blocks.turning).sum())
-    slope = both / square
-    correlation = both / float(np.sqrt(square * (turning**2).sum()) or 1.0)
-    if abs(correlation) > limits.correlation and abs(slope * DEGREE - 1.0) < limits.unit_tolerance:
-        yield Finding(
-            "gyro_unit",
-            f"the gyro seems to be in deg/s: {slope:.3g} times as fast as the IMU's orientation turns",
-            "--units gyro=deg/s",
-            Mend("gyro taken to be in deg/s", factors={GYRO: DEGREE}),
-        )
-    elif correlation < -limits.correlation:
-        yield Finding(
-            "gyro_unit",
-            "the gyro's sign is reversed: the IMU's orientation turns the other way",
-            mend=Mend("sign of the gyro turned", factors={GYRO: -1.0}),
-        )
 
 
 def dropouts(time: Array) -> Iterator[Finding]:
