@@ -295,14 +295,6 @@ def test_a_lively_robot_shows_gravity_in_means_over_a_step(hyq: Robot, clean: Re
     assert list(gravity_findings(replace(imu, linear_acceleration=1.3 * imu.linear_acceleration), CheckLimits()))
 
 
-def test_a_quaternion_in_another_order(hyq: Robot, clean: Recording) -> None:
-    assert clean.imu is not None
-    assert clean.imu.orientation is not None
-    (finding,) = diagnose(with_imu(clean, orientation=clean.imu.orientation[:, [3, 0, 1, 2]]), hyq)
-    assert finding.cause == "orientation"
-    assert "w, x, y, z" in finding.message
-
-
 # -- dropouts -------------------------------------------------------------------------------------------------------
 
 

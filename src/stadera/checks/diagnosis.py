@@ -24,7 +24,7 @@ from stadera.checks.instants import Instants
 from stadera.checks.limits import CheckLimits
 from stadera.checks.other_robot import or_other_robot
 from stadera.checks.residual import Footing, Gain
-from stadera.checks.signals import DEGREE, limit_findings, orientation_findings, sensor_findings, unit_findings
+from stadera.checks.signals import DEGREE, limit_findings, sensor_findings, unit_findings
 from stadera.checks.statics import Consistency, hanging
 from stadera.checks.torques import pushing_at_rest, swapped_in_motion, torque_step
 from stadera.errors import RecordingError, UntrustedError, listed
@@ -65,8 +65,6 @@ def diagnose(
         or any(finding.cause in _BLINDING for finding in found)
     ):
         return tuple(found)
-    if recording.imu is not None:
-        found += orientation_findings(recording.imu, recording.time, limits)
     if len(blocks):
         found += _contradictions(Footing(robot, blocks, limits), mount)
     return tuple(or_other_robot(finding, recording, robot) for finding in found)

@@ -42,14 +42,12 @@ class CheckLimits:
     like: float = 0.7
     gravity: float = 0.6  # deviation of the mean specific force from gravity [m/s²]
     gravity_samples: int = 250  # over which specific forces are averaged: a quarter of a second to a second, a step
-    upright: float = radians(10.0)  # angle between the verticals from orientation and accelerometer [rad]
     # close, far: angles within which two verticals agree, and beyond which a third one is the one that is wrong [rad]
     close: float = radians(15.0)
     far: float = radians(25.0)
     stuck: float = 0.05  # time for which a value may repeat bit for bit in a signal that does not repeat elsewhere [s]
     rests: float = 0.005  # change of a joint's position [rad] below which a velocity or gyro of exactly zero is a rest
     lively: float = 0.9  # share of steps with a change above which a signal counts as newly measured at each sample
-    samples: int = 4000  # number to which signals are thinned out, for checks that do not need instants
     instant: float = 0.04  # over which signals are averaged and differentiated [s]; a step of a trot has five or more
     instant_samples: int = 3  # least number of samples in an instant with slopes
     whole: float = 1.5  # multiple of the nominal length above which an instant contains a gap

@@ -1,5 +1,5 @@
-"""Checks of single signals: units, by joint limits, gravity and slopes of the positions; gaps in time, signals that
-stop, and an orientation that contradicts its accelerometer.
+"""Checks of single signals: units, by joint limits, gravity and slopes of the positions; gaps in time, and signals that
+stop.
 """
 
 from collections.abc import Iterator, Sequence
@@ -10,10 +10,9 @@ import numpy as np
 from stadera.checks.finding import Finding
 from stadera.checks.instants import Instants
 from stadera.checks.limits import CheckLimits
-from stadera.checks.statics import block_means, blocks_of
 from stadera.constants import GRAVITY
 from stadera.errors import listed
-from stadera.logs.mend import ACCELEROMETER, Mend, upwards
+from stadera.logs.mend import ACCELEROMETER, Mend
 from stadera.logs.recording import Imu, Recording
 from stadera.logs.sampling import GAP_FACTOR
 from stadera.logs.units import FACTORS
@@ -256,30 +255,3 @@ def _longest_repeat(time: Array, values: Array, limits: CheckLimits) -> tuple[fl
     others = len(values) - runs[at]
     lively = others > 1 and len(runs) - 1 >= limits.lively * others
     return (float(begin), float(end)) if lively and end - begin > limits.stuck and runs[at] > 5 else None
-
-
-def orientation_findings(imu: Imu, time: Array, limits: CheckLimits) -> Iterator[Finding]:
-    """Compares the vertical from the orientation with that from the accelerometer, on average in IMU axes."""
-    if imu.orientation is None:
-        return
-    every = slice(None, None, -(-len(time) // limits.samples))
-    quaternion, block = imu.orientation[every], blocks_of(time[every], limits.block)
-    force = block_means(imu.linear_acceleration[every], block)
-
-    def angle(xyzw: Array) -> float:
-        up = block_means(upwards(xyzw), block)
-        across, along = np.linalg.norm(np.cross(up, force), axis=1), (up * force).sum(axis=1)
-        return float(np.median(np.arctan2(across, along)))
-
-    now = angle(quaternion)
-    if now <= limits.upright:
-        return
-    wxyz, inverse = angle(quaternion[:, [1, 2, 3, 0]]), angle(quaternion * [-1, -1, -1, 1])
-    text = f"the IMU's orientation has up {np.degrees(now):.0f}° off its own accelerometer"
-    kind, why = "wxyz", "the quaternion seems to be in the order w, x, y, z"
-    if inverse < wxyz:
-        kind, why = "inverse", "the quaternion seems to be of the world in the IMU's frame, the inverse"
-    if min(wxyz, inverse) < limits.upright:
-        yield Finding("orientation", f"{text}: {why}", mend=Mend(f"{why}, and put right", quaternion=kind))
-    else:
-        yield Finding("orientation", text)

@@ -33,7 +33,6 @@ class Mend:
     turn: tuple[tuple[float, float, float], ...] = ()
     gyro_alone: bool = False  # the turn is that of the gyro, not of the accelerometer
     gravity: bool = False  # add gravity to the specific force, according to the IMU's orientation
-    quaternion: str = ""  # "wxyz" if w is first; "inverse" if it is that of the world in the IMU's frame
 
     def sources(self, joints: Iterable[str]) -> tuple[str, ...]:
         """Joints whose columns are needed for these joints' values."""
@@ -66,8 +65,6 @@ class Mend:
 
     def _imu(self, imu: Imu) -> Imu:
         orientation, force = imu.orientation, imu.linear_acceleration
-        if orientation is not None and self.quaternion:
-            orientation = orientation[:, [1, 2, 3, 0]] if self.quaternion == "wxyz" else orientation * [-1, -1, -1, 1]
         if self.gravity and orientation is not None:
             force = force + GRAVITY * upwards(orientation)
         if self.turn and not self.gyro_alone:

@@ -33,7 +33,6 @@ class Preprocessing:
     effort_delay: float = 0.0
 
     def __post_init__(self) -> None:
-        """Validates the settings."""
         if self.cutoff_hz is not None and not (np.isfinite(self.cutoff_hz) and self.cutoff_hz > 0):
             raise RecordingError(f"cut-off needs to be above 0 Hz, got {self.cutoff_hz:g}")
         if not abs(self.effort_delay) <= LONGEST_DELAY:

@@ -98,7 +98,6 @@ class Recording:
     others: OtherJoints | None = None
 
     def __post_init__(self) -> None:
-        """Validates the values; see the class's Raises."""
         if self.time.ndim != 1:
             raise RecordingError(f"{self.source}: time needs shape (samples,), got {self.time.shape}")
         joint, times = Counter(self.joints).most_common(1)[0] if self.joints else ("", 0)
