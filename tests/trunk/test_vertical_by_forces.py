@@ -12,13 +12,14 @@ from scipy.spatial.transform import Rotation
 
 from stadera.inertia import InertialParameters
 from stadera.lab.laws.equilibrium import equilibrium_rows, weight_felt
+from stadera.lab.laws.noise import NoisyForces
 from stadera.lab.laws.poses import PoseMean, centre_of, plausible, with_poses
 from stadera.lab.laws.recursive import ContactCom
 from stadera.lab.laws.static import felt_by_mass, stated_errors
 from stadera.logs import Recording
 from stadera.robot import Robot, load_robot
 from stadera.robot.stance import standing_configuration
-from stadera.trunk import ContactForceEstimator, Measurement, Status
+from stadera.trunk import Measurement, Status
 from stadera.trunk.model import TrunkBounds, TrunkModel
 from stadera.trunk.standing.forces import measurements_without_imu, vertical_by_forces
 from standing import GRAVITY, StandingRobot
@@ -27,7 +28,7 @@ HYQ = load_robot("hyq")
 STANCE = standing_configuration(HYQ)
 LOAD, PLACE = 8.0, (-0.2, 0.1, 0.1)
 PLANT = StandingRobot(HYQ, LOAD, PLACE)
-FORCES = ContactForceEstimator(HYQ)
+FORCES = NoisyForces(HYQ)
 ERROR_STD = stated_errors(HYQ, FORCES.noise)
 LIMIT = np.array([HYQ.limits[joint].effort for joint in HYQ.tree.joints])
 JOINTS = np.array([HYQ.tree.joints.index(joint) for leg in HYQ.legs for joint in leg.joints])
