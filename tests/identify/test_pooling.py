@@ -1,4 +1,4 @@
-"""Drives pooled over legs: a weighted mean of the others, never a leg's own word for itself."""
+"""Drives pooled over legs: a weighted mean of the others, as wide as they differ, never a leg's own word for itself."""
 
 from __future__ import annotations
 
@@ -40,12 +40,33 @@ def term(prior: Prior, leg: Leg, position: int, name: str) -> tuple[float, float
     return float(prior.values[k]), float(prior.scales[k])
 
 
+def alike(spread: float, std: float = 1e-6) -> list[tuple[Leg, Estimate]]:
+    """Three legs, of whose joints of each kind one has the mean rotor inertia and two are off by the spread."""
+    return [
+        (leg, found(leg, {f"{k}.armature": a * (1.0 + d * spread) for k, a in enumerate((0.05, 0.1, 0.1))}, std))
+        for leg, d in zip(hyq().legs[1:], (-1.0, 0.0, 1.0), strict=True)
+    ]
+
+
 def test_centre_is_the_mean_of_the_others() -> None:
-    first, *others = hyq().legs
-    told = [(leg, found(leg, {"2.armature": a})) for leg, a in zip(others, (0.09, 0.10, 0.11), strict=True)]
-    centre, width = term(pooled_prior(first, prior_of(first), told, SPREAD), first, 2, "armature")
+    first = hyq().legs[0]
+    centre, width = term(pooled_prior(first, prior_of(first), alike(0.1), SPREAD), first, 2, "armature")
     assert centre == pytest.approx(0.10)
-    assert width == pytest.approx(0.1 * 0.10 * np.sqrt(1 + 1 / 3), rel=1e-3)  # a draw of its own about a mean of three
+    assert width == pytest.approx(0.1 * 0.10 * np.sqrt(1 + 1 / 3), rel=0.2)  # a draw of its own about a mean of three
+
+
+@pytest.mark.parametrize("spread", [0.1, 0.2, 0.4])
+def test_drives_tell_how_alike_they_are(spread: float) -> None:
+    first = hyq().legs[0]
+    _, width = term(pooled_prior(first, prior_of(first), alike(spread), SPREAD), first, 2, "armature")
+    assert width == pytest.approx(spread * 0.10 * np.sqrt(1 + 1 / 3), rel=0.3)
+
+
+def test_errors_of_the_others_are_no_spread() -> None:
+    first = hyq().legs[0]
+    _, width = term(pooled_prior(first, prior_of(first), alike(0.3, std=0.3 * 0.1), SPREAD), first, 2, "armature")
+    _, known = term(pooled_prior(first, prior_of(first), alike(0.3), SPREAD), first, 2, "armature")
+    assert width < 0.75 * known
 
 
 def test_who_knows_better_counts_more() -> None:
@@ -100,7 +121,7 @@ def test_alone_or_without_the_term_it_is_the_prior_itself() -> None:
     np.testing.assert_array_equal(pooled.values, bare.values)
 
 
-@pytest.mark.parametrize("name", ["armature", "viscous", "coulomb"])
+@pytest.mark.parametrize("name", ["armature", "viscous", "coulomb", "factor"])
 def test_spread_is_positive(name: str) -> None:
     with pytest.raises(StaderaError, match=f"spread of '{name}' must be positive"):
         KindSpread(**{name: 0.0})

@@ -195,7 +195,7 @@ def _identified(
     agreement = _agreed(job, fitted, (training, held_back), gathered, floats)
     estimates = [_widened(found, agreement) for found in _solve(job, gathered, floats, recalled)]
     legs, samples = _scored_legs(job, gathered, estimates, training, held_back)
-    alike = "the drives of the legs are assumed alike: each joint's rotor inertia and friction draw on the other legs'"
+    alike = "each joint's rotor inertia and friction draw on the other legs', as far as the log shows drives alike"
     pooled = [alike] * (job.settings.spread is not None and len(job.tasks) > 1)
     doubts = (*job.doubts, *log_warnings(job.vertical, legs, samples, job.settings.trust))
     result = Identification(

@@ -12,7 +12,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stadera.errors import IdentificationError, require_positive
 from stadera.identify.observability import Identifiability, Observability, observability
@@ -258,44 +257,59 @@ def _on(prior: Prior, information: Information) -> Information:
 
 @dataclass(frozen=True)
 class KindSpread:
-    """Spread between drives of one type, one standard deviation relative to their mean.
+    """Spread τ between drives of one type, a standard deviation relative to their mean, before a log's legs tell it.
 
     Rotor inertia and viscous friction are set by the drive's design; Coulomb friction also depends on wear and preload.
     """
 
+    # median of each, and the standard deviation of ln τ [1]
     armature: float = 0.1
     viscous: float = 0.1
     coulomb: float = 0.5
+    factor: float = 0.55
 
     def __post_init__(self) -> None:
         require_positive("spread of", self, self.__dataclass_fields__)
+
+    def tried(self, term: str) -> tuple[Array, Array]:
+        """Values of τ of a term for sums over it, and the logarithm of their probability."""
+        at = np.linspace(-3.0, 3.0, 31)
+        return getattr(self, term) * np.exp(self.factor * at), -0.5 * at**2
 
 
 def pooled_prior(leg: Leg, prior: Prior, others: Sequence[tuple[Leg, Estimate]], spread: KindSpread) -> Prior:
     """A leg's prior, with centre and width of its drives' terms taken from the other legs, if there are any."""
     values, root = prior.values.copy(), prior.root.copy()
-    for position, joint in enumerate(leg.joints):
-        for term in ("armature", "viscous", "coulomb"):
-            name = f"{joint}.{term}"
-            if name not in prior.columns or not others:
-                continue
-            found, variance = [], []
-            for other, estimate in others:
-                k = estimate.columns.index(f"{other.joints[position]}.{term}")
-                found.append(estimate.values[k])
-                variance.append(estimate.covariance[k, k] - float(estimate.shared[k] @ estimate.shared[k]))
-            k = prior.columns.index(name)
-            values[k], root[k, k] = _mean(np.array(found), np.array(variance), getattr(spread, term), root[k, k])
+    for term in _NON_NEGATIVE if others else ():
+        kinds = [k for k, joint in enumerate(leg.joints) if f"{joint}.{term}" in prior.columns]
+        at = [prior.columns.index(f"{leg.joints[k]}.{term}") for k in kinds]
+        found, variance = np.zeros((2, len(others), len(kinds)))
+        for row, own, (other, estimate) in zip(found, variance, others, strict=True):
+            places = [estimate.columns.index(f"{other.joints[k]}.{term}") for k in kinds]
+            row[:] = estimate.values[places]
+            own[:] = np.diag(estimate.covariance)[places] - (estimate.shared[places] ** 2).sum(axis=1)
+        values[at], root[at, at] = _drawn_about(found, variance, *spread.tried(term), root[at, at])
     return replace(prior, values=values, root=root)
 
 
-def _mean(
-    found: NDArray[np.float64], variance: NDArray[np.float64], relative: float, widest: float
-) -> tuple[float, float]:
-    between = (relative * float(np.median(np.abs(found)))) ** 2
-    weights = 1.0 / (variance + between + 1e-12 * widest**2)
-    mean = float(weights @ found / weights.sum())
-    return max(mean, 0.0), min(float(np.sqrt(between + 1.0 / weights.sum())), widest)
+def _drawn_about(found: Array, variance: Array, spreads: Array, prior: Array, widest: Array) -> tuple[Array, Array]:
+    """Mean and standard deviation (kinds,) of another drive of each kind, from those `found` (drives, kinds).
+
+    Drives of a kind are drawn about a mean m with the standard deviation τ m, and `found` with an error of `variance`.
+    The marginal likelihood of τ, the means integrated out, is that of all kinds together (Patterson and Thompson 1971),
+    and the result is the mean over τ: drives that differ do not pull each other.
+    """
+    between = (spreads[:, None] * np.median(np.abs(found), axis=0)) ** 2  # (spreads, kinds)
+    weights = 1.0 / (variance + between[:, None] + 1e-12 * widest**2)
+    whole = weights.sum(axis=1)
+    means = (weights * found).sum(axis=1) / whole
+    squares = (weights * (found - means[:, None]) ** 2).sum(axis=1)
+    likely = prior + 0.5 * (np.log(weights).sum(axis=1) - np.log(whole) - squares).sum(axis=1)
+    share = np.exp(likely - likely.max())
+    share /= share.sum()
+    mean = share @ means
+    std = np.sqrt(share @ (between + 1.0 / whole + (means - mean) ** 2))
+    return np.maximum(mean, 0.0), np.minimum(std, widest)
 
 
 def with_scale(information: Information, std: float) -> Information:
