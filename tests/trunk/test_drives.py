@@ -14,7 +14,7 @@ from stadera.identify.schema import with_identified_legs
 from stadera.lab.pinocchio import pinocchio_model
 from stadera.lab.scenarios.catalog import SimulateSettings
 from stadera.lab.scenarios.run import Run, simulate
-from stadera.robot import JointDynamics
+from stadera.robot import JointDynamics, Robot
 from stadera.robot.stance import standing_configuration
 from stadera.trunk.drives import TERMS, _carried
 from stadera.weigh import Weighing
@@ -71,7 +71,26 @@ def test_a_rotor_is_known_no_better_than_the_links_beyond_it() -> None:
     model = pinocchio_model(ROBOT.with_dynamics(dict.fromkeys(ROBOT.tree.joints, JointDynamics())))
     q = np.concatenate([pin.neutral(model)[:7], standing_configuration(ROBOT)])
     whole = np.diag(pin.crba(model, model.createData(), q))[6:]
-    np.testing.assert_allclose(_carried(ROBOT).sum(axis=1), whole, rtol=1e-9)
+    np.testing.assert_allclose(_carried(ROBOT)[0][0].sum(axis=1), whole, rtol=1e-9)
+
+
+def test_an_offset_is_known_no_better_than_the_weight_of_the_links_beyond_it() -> None:
+    """The torque of the weight, against Pinocchio's, and what a displacement does to it at most, by differences."""
+
+    def weights(robot: Robot) -> np.ndarray:
+        model = pinocchio_model(robot)
+        q = np.concatenate([pin.neutral(model)[:7], standing_configuration(ROBOT)])
+        return pin.computeGeneralizedGravity(model, model.createData(), q)[6:]
+
+    (_, torque), moved = _carried(ROBOT)
+    np.testing.assert_allclose(torque.sum(axis=1), weights(ROBOT), atol=1e-9)
+    link = ROBOT.legs[0].links[1]
+    k, slopes = ROBOT.tree.links.index(link) - 1, []
+    for axis in np.eye(3):
+        body = ROBOT.inertias[link]
+        other = ROBOT.with_inertias({link: body.shifted(0.01 * axis)})
+        slopes.append((weights(other) - weights(ROBOT)) / 0.01)
+    np.testing.assert_allclose(moved[:, k], np.linalg.norm(slopes, axis=0), atol=1e-9)
 
 
 def test_what_was_not_observed_is_the_models() -> None:

@@ -9,7 +9,8 @@ posterior of the differences p from the model, N(p̂, Σ), holds its prior N(0, 
 
 so that only what the log itself tells is merged with other logs. Directions that the log leaves as they were are left
 out. Of a link, p has the mass and the centre of mass (m c = h), and no change of the inertia about it; so a rotor is
-known no better than the links' inertia about its axis (`stadera.trunk.drives`).
+known no better than the links' inertia about its axis, and an offset no better than their weight
+(`stadera.trunk.drives`).
 """
 
 from __future__ import annotations
@@ -159,10 +160,11 @@ class _Columns:
 
 def learnt(estimator: TrunkEstimator) -> dict[str, Information]:
     """What the estimator learnt about links and drives, by leg."""
-    errors, rotor = estimator.errors, estimator.errors.layout.places["rotor"]
+    errors, std = estimator.errors, estimator.drives.std
     covariance = errors.covariance.copy()
-    wider = estimator.drives.std[:, 0] ** 2 - np.diag(covariance)[rotor]
-    covariance[rotor, rotor] += np.diag(np.maximum(wider, 0.0))
+    for k, name in enumerate(TERMS.values()):
+        place = errors.layout.places[name]
+        covariance[place, place] += np.diag(np.maximum(std[:, k] ** 2 - np.diag(covariance)[place], 0.0))
     return _Columns.of(estimator.robot).of_legs(errors.mean, covariance, errors.start)
 
 

@@ -5,7 +5,9 @@ values they are the drives'. The next log may start from them: `--legs` takes th
 
 A leg in the air shows the inertia about each joint as a whole. What its links have more than the model is taken for
 rotor inertia, so that a rotor is known no better than Σ (s_l I_l)², with I_l the inertia of each link beyond the joint
-about its axis, and s_l the relative error of the link's mass.
+about its axis, and s_l the relative error of the link's mass. Likewise the weight that the links have more than the
+model, or elsewhere by r_l, is taken for a torque offset: Σ (s_l τ_l)² + (r_l m_l g)², with τ_l the torque of the link's
+weight.
 """
 
 from __future__ import annotations
@@ -15,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from stadera.constants import GRAVITY
 from stadera.robot.kinematics import forward_kinematics
 from stadera.robot.model import Robot
 from stadera.robot.stance import usual_configuration
@@ -54,8 +57,12 @@ class Drives:
             np.array([values[place] for place in places]).T
             for values in (errors.mean, errors.std, np.sqrt(model.variance))
         )
-        share = np.sqrt(model.variance[model.layout.places["link_mass"]])
-        std[:, 0] = np.hypot(std[:, 0], np.sqrt(((_carried(robot) * share) ** 2).sum(axis=1)))
+        by_share, by_place = _carried(robot)
+        share, place = (np.sqrt(model.variance[model.layout.places[name]]) for name in ("link_mass", "link_com"))
+        hidden = (by_share * share) ** 2
+        hidden[1] += (by_place * place[: len(share)]) ** 2
+        for k, of_links in zip((0, 3), np.sqrt(hidden.sum(axis=2)), strict=True):
+            std[:, k] = np.hypot(std[:, k], of_links)
         return cls(joints, given, given + mean, std, prior)
 
     @property
@@ -79,18 +86,22 @@ class Drives:
         return out
 
 
-def _carried(robot: Robot) -> Array:
-    """Inertia (joints, links) [kg·m²] of each link beyond a joint about its axis, in the nominal stance, or with all
+def _carried(robot: Robot) -> tuple[Array, Array]:
+    """Inertia about a joint's axis [kg·m²] and torque of the weight [N·m], (2, joints, links), of each link beyond it,
+    and that torque's change by a displacement of the link [N], (joints, links); in the nominal stance, or with all
     joints at zero if there is none.
     """
     tree, q = robot.tree, usual_configuration(robot)
     rotations, translations = (values[0] for values in forward_kinematics(tree, q[None]))
-    out = np.zeros((len(tree.joints), len(tree.joints)))
+    out, moved = np.zeros((2, len(tree.joints), len(tree.joints))), np.zeros((len(tree.joints), len(tree.joints)))
     for k, link in enumerate(tree.links[1:]):
         body, R = robot.inertias[link], rotations[k + 1]
         centre = translations[k + 1] + R @ body.com
         for j in tree.ancestors(k):
             axis, lever = rotations[j + 1] @ tree.axes[j], centre - translations[j + 1]
             about = R @ body.inertia_com @ R.T
-            out[j, k] = axis @ about @ axis + body.mass * float(np.sum(np.cross(axis, lever) ** 2))
-    return out
+            across = np.cross(axis, lever)
+            out[0, j, k] = axis @ about @ axis + body.mass * float(across @ across)
+            out[1, j, k] = body.mass * GRAVITY * across[2]
+            moved[j, k] = body.mass * GRAVITY * float(np.hypot(axis[0], axis[1]))
+    return out, moved
