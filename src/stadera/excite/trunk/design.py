@@ -36,17 +36,23 @@ class RoutineSettings:
     seconds: float = 5.0  # from rest to rest [s]. It is done twice: without and with the load.
     rate: float = 100.0  # of the table, and of the log to be recorded [Hz]
     seed: int = 0  # of all draws
-    axes: tuple[str, ...] = AXES  # coordinates that move, of `AXES`; a robot's own body control may not have all
+    # coordinates that move, of `AXES`; a robot's own body control may not have all. Yaw does not turn gravity, and only
+    # the feet's friction holds it.
+    axes: tuple[str, ...] = ("roll", "pitch", "x", "y", "z")
     load: float = 0.1  # payload for which bars are predicted, share of the robot's mass [1]
     heaviest: float = 0.2  # payload with which the motion stays within the bounds, likewise
     angle: float = float(np.deg2rad(20.0))  # largest roll, pitch and yaw [rad]
     shift: float = 0.2  # largest x, y and z, share of the leg's length [1]
-    # lowest and highest [Hz]. Faster ones are filtered by a robot's own body control.
-    frequencies: tuple[float, float] = (0.4, 1.6)
+    # lowest and highest [Hz]. On joints held by stiffness and damping a robot swings at 2 to 3 Hz: a 15 kg Go2 with its
+    # maker's 60 N·m/rad (unitree_sdk2, stand example) at 3 Hz. At half of that motions are made a third larger, and feet
+    # slip; at 0.8 Hz a tenth to a quarter.
+    frequencies: tuple[float, float] = (0.3, 0.8)
     fade: float = 0.5  # at each end [s]
     margins: Margins = field(default_factory=Margins)  # from the joints' limits
-    pressed: float = 0.1  # least normal force of a foot, share of the mean one [1]
-    cone: float = 0.5  # largest tangential over normal force of a foot [1]; rubber on a dry floor has 0.6 and more
+    pressed: float = 0.3  # least normal force of a foot, share of the mean one [1]
+    # largest tangential over normal force of a foot [1]: half of what rubber has on a dry floor, 0.6 and more, for dust, a
+    # slope, and feet that push against each other
+    cone: float = 0.3
     others: float = 0.3  # share of drawn motions in which a coordinate besides roll and pitch moves [1]
     # draws, steps: number of motions drawn, and of steps from the best
     draws: int = 12
