@@ -42,6 +42,15 @@ def test_a_torque_is_only_noise_when_it_lasts(seconds: float, accused: bool) -> 
     assert bool(found) == accused
 
 
+def test_a_torque_that_swings_fast_is_not_noise() -> None:
+    """12.5 Hz: successive means over 20 ms are uncorrelated, those over 5 ms are not."""
+    robot, log = load_robot("hyq"), swaying("hyq", 3)
+    assert log.effort is not None
+    effort = log.effort.copy()
+    effort[:, 1] = np.sin(2.0 * np.pi * 12.5 * log.time)
+    assert not [f for f in window_faults(replace(log, effort=effort), robot) if f.message.endswith("is only noise")]
+
+
 @pytest.mark.parametrize(("joint", "accused"), [("left_ankle_roll_joint", False), ("left_knee_joint", True)])
 def test_a_joint_that_holds_nothing_may_be_only_noise(joint: str, accused: bool) -> None:
     """On a flat foot the ankle's roll may idle for a whole log; a knee holds the robot."""

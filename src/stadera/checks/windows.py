@@ -7,7 +7,7 @@ Joint by joint, in windows of a second:
 - jump of the position: a single step of q that is missing in ∫ q̇ dt, and that is not reversed soon after.
 - impossible torque: several times the drive's limit, or above it and apart from all others of the joint.
 - clipped torque: a signal that changes with every sample elsewhere but repeats its maximum bit for bit.
-- torque that is only noise: means over 20 ms are uncorrelated, while those of the other torques are correlated.
+- torque that is only noise: means over 5 and 20 ms are uncorrelated, while those of the other torques are correlated.
 """
 
 from collections.abc import Iterator, Sequence
@@ -227,25 +227,35 @@ def _holding(recording: Recording, robot: Robot) -> Array:
 
 
 def _noise(effort: Array, robot: Robot, windows: Windows, limits: WindowLimits, tested: Bools) -> Iterator[Finding]:
-    """Detects noise by the correlation ρ = 1 - Σ (τ_k+1 - τ_k)² / 2 Σ (τ_k - τ̄)² of successive means over `averaged`,
-    about a mean of zero: a joint that rests holds something, and one that carries little does so for longer. `tested`
-    (n,): joints that are not idle.
+    """Detects noise, whose successive means are uncorrelated over short times and over long ones, `averaged`; swings of
+    a trot change sign within the long ones. `tested` (n,): joints that are not idle.
     """
-    edges = np.linspace(0, len(effort), min(len(effort), round(windows.span / limits.averaged)) + 1).astype(np.int64)
-    of_mean = windows.of_sample[edges[:-1]]
-    count = np.maximum(np.bincount(of_mean, minlength=len(windows)), 1)[:, None]
-    same = of_mean[1:] == of_mean[:-1]
-    correlation, holds = np.empty((2, len(windows), effort.shape[1]))
-    for k in range(0, effort.shape[1], limits.at_once):
-        own = np.add.reduceat(effort[:, k : k + limits.at_once], edges[:-1]) / np.diff(edges)[:, None]
-        mean = windows.sums(own, of_mean) / count
-        away = windows.sums((own - mean[of_mean]) ** 2, of_mean)
-        steps = windows.sums(np.diff(own, axis=0)[same] ** 2, of_mean[1:][same])
-        correlation[:, k : k + limits.at_once] = 1.0 - 0.5 * steps / np.maximum(away, 1e-300)
-        holds[:, k : k + limits.at_once] = count * np.abs(mean) / np.sqrt(np.maximum(away, 1e-300))
+    found = [_correlation(effort, windows, round(windows.span / time), limits.at_once) for time in limits.averaged]
+    correlation = np.max([own for own, _, _ in found], axis=0)
+    _, holds, count = found[-1]
     for j in np.flatnonzero(tested):
         joint, others = robot.tree.joints[j], np.median(np.delete(correlation, j, axis=1), axis=1)
-        chosen = (correlation[:, j] < limits.white) & (others > limits.coloured) & (count[:, 0] > limits.fewest)
+        chosen = (correlation[:, j] < limits.white) & (others > limits.coloured) & (count > limits.fewest)
         chosen &= holds[:, j] < limits.holds
         if np.count_nonzero(chosen) > min(1, len(windows) - 1):  # a joint may be idle for a moment
             yield Finding("effort", f"the torque of {joint!r} is only noise", spans=windows.spans(chosen))
+
+
+def _correlation(effort: Array, windows: Windows, parts: int, at_once: int) -> tuple[Array, Array, Array]:
+    """Correlation ρ = 1 - Σ (τ_k+1 - τ_k)² / 2 Σ (τ_k - τ̄)² of successive ones of so many means, (windows, n); their
+    mean over its standard deviation, likewise, as a joint that rests holds something, and one that carries little does
+    so for longer; and their number (windows,).
+    """
+    edges = np.linspace(0, len(effort), min(len(effort), parts) + 1).astype(np.int64)
+    of_mean = windows.of_sample[edges[:-1]]
+    number = np.bincount(of_mean, minlength=len(windows))
+    count, same = np.maximum(number, 1)[:, None], of_mean[1:] == of_mean[:-1]
+    correlation, holds = np.empty((2, len(windows), effort.shape[1]))
+    for k in range(0, effort.shape[1], at_once):
+        own = np.add.reduceat(effort[:, k : k + at_once], edges[:-1]) / np.diff(edges)[:, None]
+        mean = windows.sums(own, of_mean) / count
+        away = windows.sums((own - mean[of_mean]) ** 2, of_mean)
+        steps = windows.sums(np.diff(own, axis=0)[same] ** 2, of_mean[1:][same])
+        correlation[:, k : k + at_once] = 1.0 - 0.5 * steps / np.maximum(away, 1e-300)
+        holds[:, k : k + at_once] = count * np.abs(mean) / np.sqrt(np.maximum(away, 1e-300))
+    return correlation, holds, number
