@@ -201,8 +201,8 @@ class WindowLimits:
     crowd: float = 5.0
     lively: float = 0.9  # share of steps with a change above which a signal counts as newly measured at each sample
     # times over which torques are averaged before they are compared with noise [s], the longest last. The ankle's roll
-    # of a G1 that sways has a correlation of 0 to 0.2 from sample to sample at 500 Hz, for its noise is louder, and from
-    # 0.24 on in means of 20 ms; a hip of an A1 that trots 0.1 in these, which are a tenth of its steps.
+    # of a G1 that sways has a correlation of 0 to 0.2 from sample to sample at 500 Hz, for its noise is louder, and
+    # from 0.24 on in means of 20 ms; a hip of an A1 that trots 0.1 in these, which are a tenth of its steps.
     averaged: tuple[float, ...] = (0.005, 0.02)
     # white, coloured: correlation of a torque that is only noise, from mean to mean, and of the other torques
     white: float = 0.2

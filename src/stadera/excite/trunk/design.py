@@ -43,15 +43,15 @@ class RoutineSettings:
     heaviest: float = 0.2  # payload with which the motion stays within the bounds, likewise
     angle: float = float(np.deg2rad(20.0))  # largest roll, pitch and yaw [rad]
     shift: float = 0.2  # largest x, y and z, share of the leg's length [1]
-    # lowest and highest [Hz]. On joints held by stiffness and damping a robot swings at 2 to 3 Hz: a 15 kg Go2 with its
-    # maker's 60 N·m/rad (unitree_sdk2, stand example) at 3 Hz. At half of that motions are made a third larger, and feet
-    # slip; at 0.8 Hz a tenth to a quarter.
+    # lowest and highest [Hz]. On joints held by stiffness and damping robots swing at 2 to 3 Hz, a Go2 with the
+    # 60 N·m/rad of its maker's stand example (unitree_sdk2) at 3 Hz. At half of that a motion comes out a third
+    # larger, and feet slip; at 0.8 Hz a tenth to a fifth.
     frequencies: tuple[float, float] = (0.3, 0.8)
     fade: float = 0.5  # at each end [s]
     margins: Margins = field(default_factory=Margins)  # from the joints' limits
     pressed: float = 0.3  # least normal force of a foot, share of the mean one [1]
-    # largest tangential over normal force of a foot [1]: half of what rubber has on a dry floor, 0.6 and more, for dust, a
-    # slope, and feet that push against each other
+    # largest tangential over normal force of a foot [1]: half of what rubber has on a dry floor, 0.6 and more, for
+    # dust, a slope, and feet that push against each other
     cone: float = 0.3
     others: float = 0.3  # share of drawn motions in which a coordinate besides roll and pitch moves [1]
     # draws, steps: number of motions drawn, and of steps from the best
