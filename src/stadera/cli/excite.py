@@ -90,7 +90,8 @@ def _trunk(
     from stadera.excite.trunk.result import interface_named
     from stadera.report.excite.trunk import routine_tables
 
-    axes = AXES if player is Player.csv else interface_named(player.value).axes
+    taken = AXES if player is Player.csv else interface_named(player.value).axes
+    axes = tuple(axis for axis in RoutineSettings.axes if axis in taken)
     settings = RoutineSettings(seconds, rate, seed, axes)
     files.check(out)
     if out is not None and player is Player.csv:
