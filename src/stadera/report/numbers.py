@@ -59,10 +59,11 @@ def with_scale(mass: float, std: float, without: float | None) -> str:
 
 
 def compared(new: float, old: float, words: tuple[str, str] = ("better", "worse")) -> str:
-    """How much smaller or larger an error is than another one, as "26 % better"."""
+    """How much smaller or larger an error is than another one, as "26 % better"; within half a percent "the same"."""
     if not old:
         return "none"
-    return f"{100.0 * abs(new / old - 1.0):.0f} % {words[0] if new <= old else words[1]}"
+    share = f"{100.0 * abs(new / old - 1.0):.0f}"
+    return "the same" if share == "0" else f"{share} % {words[0] if new <= old else words[1]}"
 
 
 def counted(count: int, noun: str) -> str:
