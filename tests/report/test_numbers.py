@@ -48,5 +48,6 @@ def test_with_std(value, std, text):
 def test_compared():
     assert compared(0.8, 1.0) == "20 % better"
     assert compared(1.1, 1.0) == "10 % worse"
-    assert compared(1.1, 1.0, ("below", "above")) == "10 % above"
+    assert compared(1.1, 1.0, ("below", "above", "the same as")) == "10 % above"
+    assert compared(1.001, 1.0) == "the same"
     assert compared(1.0, 0.0) == "none"

@@ -58,12 +58,12 @@ def with_scale(mass: float, std: float, without: float | None) -> str:
     return f"{with_std(mass, without)} kg, and ± {number(100.0 * scale, 2)} % of it for the torques' scale"
 
 
-def compared(new: float, old: float, words: tuple[str, str] = ("better", "worse")) -> str:
-    """How much smaller or larger an error is than another one, as "26 % better"; within half a percent "the same"."""
+def compared(new: float, old: float, words: tuple[str, str, str] = ("better", "worse", "the same")) -> str:
+    """How much smaller or larger an error is than another one, as "26 % better"; the last word within half a percent."""
     if not old:
         return "none"
     share = f"{100.0 * abs(new / old - 1.0):.0f}"
-    return "the same" if share == "0" else f"{share} % {words[0] if new <= old else words[1]}"
+    return words[2] if share == "0" else f"{share} % {words[0] if new <= old else words[1]}"
 
 
 def counted(count: int, noun: str) -> str:

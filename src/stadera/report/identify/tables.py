@@ -81,7 +81,7 @@ def answer(result: Identification) -> str:
     if any(torques):
         said += f", {100.0 * errors['identified'] / _rms(torques):.0f} % of the measured torque"
     if errors.get("prior_friction"):
-        said += f" and {compared(errors['identified'], errors['prior_friction'], ('below', 'above'))}"
+        said += f" and {compared(errors['identified'], errors['prior_friction'], ('below', 'above', 'the same as'))}"
         said += " CAD with fitted friction"
     return f"{said}."
 
