@@ -59,7 +59,7 @@ def with_scale(mass: float, std: float, without: float | None) -> str:
 
 
 def compared(new: float, old: float, words: tuple[str, str, str] = ("better", "worse", "the same")) -> str:
-    """How much smaller or larger an error is than another one, as "26 % better"; the last word within half a percent."""
+    """How much smaller or larger an error is than another, as "26 % better"; the last word below half a percent."""
     if not old:
         return "none"
     share = f"{100.0 * abs(new / old - 1.0):.0f}"
