@@ -248,7 +248,7 @@ def _correlation(effort: Array, windows: Windows, parts: int, at_once: int) -> t
     """
     edges = np.linspace(0, len(effort), min(len(effort), parts) + 1).astype(np.int64)
     of_mean = windows.of_sample[edges[:-1]]
-    number = np.bincount(of_mean, minlength=len(windows))
+    number = np.bincount(of_mean, minlength=len(windows)).astype(float)
     count, same = np.maximum(number, 1)[:, None], of_mean[1:] == of_mean[:-1]
     correlation, holds = np.empty((2, len(windows), effort.shape[1]))
     for k in range(0, effort.shape[1], at_once):
