@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from stadera.cli import options as opt
+from stadera.cli import parse
 from stadera.cli.options import argument, flag, grouped, option
 from stadera.cli.outputs import check_outputs, check_report, json_of, text_of, write_outputs
 from stadera.cli.terminal import progress, show
@@ -90,6 +91,7 @@ def fleet(
         option("LEGS.json", "With --identify: each robot's legs from all its logs, for `weigh --legs`; LEGS-NAME."),
     ] = None,
     method: opt.Method = None,
+    stiffness: opt.Stiffness = None,
     imu_frame: opt.ImuFrame = None,
     force: opt.Force = False,
     memory: Annotated[
@@ -117,13 +119,16 @@ def fleet(
     pool = processes.pool(memory=round(1e9 * worker_memory))
     if merge is not None and not identify:
         raise typer.BadParameter("needs --identify", param_hint="--merge")
+    springs = None if stiffness is None else parse.point(stiffness)
 
     from stadera.fleet.jobs import FleetOptions
     from stadera.fleet.run import memory_paths
     from stadera.report.fleet import fleet_tables
 
     folder = None if files.pages is None else str(files.pages.absolute())
-    shared = FleetOptions(identify, method, imu_frame, options.topics, options.reading, force, options.fix, folder)
+    shared = FleetOptions(
+        identify, method, springs, imu_frame, options.topics, options.reading, force, options.fix, folder
+    )
     jobs = given.jobs(shared)
     known = {} if memory is None else memory_paths(memory, jobs)
     files.check(out, merge, *known.values())

@@ -146,6 +146,7 @@ class FleetOptions:
 
     identify: bool = False
     method: str | None = None
+    stiffness: tuple[float, float, float] | None = None
     imu_frame: str | None = None
     topics: Topics = field(default_factory=Topics)
     reading: ReadOptions = AS_RECORDED
@@ -154,9 +155,9 @@ class FleetOptions:
     pages: str | None = None  # folder for a page of each log, see `stadera.fleet.run.page_path`; None for no pages
 
     def __post_init__(self) -> None:
-        check_choice(self.method, None)
-        if self.identify and (self.method or self.imu_frame):
-            raise StaderaError("a method and an IMU frame are of weighing, not of identifying legs")
+        check_choice(self.method, self.stiffness)
+        if self.identify and (self.method or self.stiffness or self.imu_frame):
+            raise StaderaError("a method, a stiffness and an IMU frame are of weighing, not of identifying legs")
 
 
 @dataclass(frozen=True)

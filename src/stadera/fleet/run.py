@@ -182,6 +182,7 @@ def _weighed(job: LogJob, source: _Source, memory: Memory | None) -> tuple[Weigh
         tare,
         options.method,
         imu_frame=options.imu_frame,
+        stiffness=options.stiffness,
         force=options.force,
         fix=options.fix,
         memory=memory,

@@ -190,7 +190,6 @@ class ModelFit:
         self.fit: Fit | None = None
         self.swing_misfit: float | None = None
         self.due, self._trust = 0, None  # type: int, Trust | None
-        self._turned = 0.0  # by the IMU about one axis [rad], if beyond its prior, on which the trunk's bars rely
 
     def add_swing(self, swing: SwingRows) -> None:
         """Adds a block's rows of legs in the air."""
@@ -211,9 +210,7 @@ class ModelFit:
         laws = [layout.places[name] for name in ("rotor", "viscous", "coulomb")]
         front.know_joints(*(np.array([x[law] for law in laws]) for x in (self.errors.mean, self.errors.std)))
         self.swing_misfit = self.swing.misfit if front.seen >= self._settings.evaluated else None
-        self._trust, turn = None, self.errors.mean[layout.places["imu_rotation"]]
-        turned = float(np.abs(turn).max())
-        self._turned = turned if turned > self._settings.turned * self._settings.model.imu_rotation else 0.0
+        self._trust = None
         return True
 
     @property
@@ -239,6 +236,12 @@ class ModelFit:
                     alike = "a torque is off all the time, or something pushes or pulls the robot"
                     self._trust = self._trust.at_most("doubtful", f"{text}; if it is not, {alike}")
         return self._trust
+
+    @property
+    def _turned(self) -> float:
+        """Turn of the IMU about one axis [rad] if it is beyond its prior, on which the trunk's bars rely; else zero."""
+        turn = float(np.abs(self.errors.mean[self.model.layout.places["imu_rotation"]]).max())
+        return turn if turn > self._settings.turned * self._settings.model.imu_rotation else 0.0
 
 
 def _without(products: Array, errors: Array, joints: slice) -> Array:

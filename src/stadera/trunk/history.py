@@ -59,11 +59,11 @@ class RobustWeights:
         if known.blocks < (settings.afresh if self.count else settings.enough):
             return 1.0
         residual = columns @ known.combination(errors)
-        square = residual * residual if self._each else np.array([residual @ residual / len(residual)])
+        square = residual * residual if self._each else np.asarray(residual @ residual / len(residual))
         if not self.count:
             self.usual = square
         freedom, n = settings.freedom, len(residual)
-        ratio = float((square / np.maximum(self.usual, self._least)).sum()) / len(square)
+        ratio = float((square / np.maximum(self.usual, self._least)).mean())
         weight = (freedom + n) / (freedom + n * ratio)
         self.count = min(self.count + 1.0, settings.remembered)
         self.usual = self.usual + weight * (square - self.usual) / self.count
@@ -175,7 +175,7 @@ class History:
     @property
     def noise(self) -> float:
         """Variance of the rows' residuals in their unit [1]; one before any."""
-        return float(self._robust.noise.item())
+        return float(self._robust.noise)
 
     @property
     def oldest(self) -> Segment:

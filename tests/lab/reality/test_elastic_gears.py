@@ -7,33 +7,25 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 
+from lab.reality.test_real_draw import EXACT
 from stadera.inertia import skew
 from stadera.lab.laws.paper_draw import paper_draw
 from stadera.lab.pinocchio import pinocchio_model
 from stadera.lab.plant.leg import Gains, simulate_leg
 from stadera.lab.plant.plant import Plant
-from stadera.lab.reality.draw import DrawnRobot, RealSizes, drawn
+from stadera.lab.reality.draw import DrawnRobot, drawn
 from stadera.lab.reality.log import TrueMotion, measured_log
 from stadera.robot import load_robot
 from stadera.robot.stance import standing_configuration
 from stadera.types import Array
 
 GO2 = load_robot("go2")
-EXACT = replace(
-    RealSizes(),
-    noise=(0.0, 0.0),
-    lost=(0.0, 0.0),
-    spikes=(0.0, 0.0),
-    quantised=0.0,
-    encoder_zero=0.0,
-    varying=None,
-    coulomb=(0.03, 0.08),
-)
+HARMONIC = replace(EXACT, coulomb=(0.03, 0.08))
 COMPLIANCE = np.linspace(1e-4, 1e-3, 12)  # [rad/(N·m)]
 
 
 def elastic(seed: int) -> DrawnRobot:
-    return replace(drawn(GO2, EXACT, seed), compliance=COMPLIANCE)
+    return replace(drawn(GO2, HARMONIC, seed), compliance=COMPLIANCE)
 
 
 def test_the_encoder_is_ahead_by_the_links_inverse_dynamics() -> None:
