@@ -1,7 +1,7 @@
 """Draws the figures that need a simulation: python docs/figures.py (needs pip install '.[docs,lab]', and Chromium).
 
 A leg of the real Go2's log, a box that comes onto a trotting HyQ, a Go2 weighed in three motions, the most informative
-motions, and the demo's scene at three moments.
+motions, the leg of Table I in the paper's colours, and the demo's scene at three moments.
 """
 
 from __future__ import annotations
@@ -14,17 +14,19 @@ from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
-from themed import BLUE, FOLDER, GREEN, INK, ORANGE, STEEL, panels, save
+from themed import BLUE, FOLDER, GREEN, INK, ORANGE, RED, SOFT, STEEL, panels, save
 
 import stadera
 from stadera.excite.trunk.design import weighing_routine
 from stadera.identify.result import LegIdentification
 from stadera.lab.demo import run_demo
+from stadera.lab.experiments import ReproduceSettings, experiments_named, run_experiments
 from stadera.lab.report.demo import demo_html
 from stadera.lab.scenarios.catalog import Load, SimulateSettings
 from stadera.lab.scenarios.run import simulate
 from stadera.lab.truth import TruthAt
 from stadera.report.page import find_browser
+from stadera.report.table import Cell
 from stadera.robot import load_robot
 from stadera.trunk import Samples, TrunkEstimator
 
@@ -139,6 +141,32 @@ def routine() -> None:
     save(figure, "routine")
 
 
+def table1_leg() -> None:
+    """Our Table I: simulated, identified and CAD's parameters of a leg, in the colours of the paper's."""
+    (result,) = run_experiments(experiments_named("table1"), ReproduceSettings(), lambda *_: None)
+    colours = {"observable": GREEN, "partial": STEEL, "unobservable": RED}
+    tables = result.to_tables()  # masses and centres; inertias; the paper's
+    sizes = [1 + sum(bool(heading) + len(rows) for heading, rows in table.groups) for table in tables]
+    figure, axes = plt.subplots(
+        len(tables), 1, figsize=(7.2, 0.2 * sum(sizes)), height_ratios=sizes, layout="constrained"
+    )
+    for axis, table in zip(axes, tables, strict=True):
+        head = [name.split(" [")[0] for name in table.head]
+        rows = [row for heading, group in table.groups for row in ([Cell(heading)] * bool(heading), *group) if row]
+        texts = [[cell.marked for cell in row] + [""] * (len(head) - len(row)) for row in rows]
+        shown = axis.table(texts, colLabels=head, edges="horizontal", loc="upper center")
+        shown.auto_set_font_size(False)
+        shown.set_fontsize(8)
+        shown.auto_set_column_width(range(len(head)))
+        for (row, column), drawn in shown.get_celld().items():
+            mark = rows[row - 1][column].mark if row and column < len(rows[row - 1]) else None
+            drawn.set(edgecolor=SOFT, linewidth=0.3)
+            drawn.get_text().set_color(colours[mark.word] if mark else INK)
+        axis.set_title(table.title)
+        axis.set_axis_off()
+    save(figure, "table1_leg")
+
+
 MOMENTS = (0.2, 1.15, 2.6)
 """Of the demo's picture [s], from the moment the box is let go: it has landed, one robot tips, it lies."""
 
@@ -178,6 +206,7 @@ def main() -> None:
     motions()
     excitation()
     routine()
+    table1_leg()
     demo(FOLDER / "demo.png")
 
 
