@@ -159,8 +159,9 @@ def explained_by_motion(footing: Footing) -> list[tuple[Hypothesis, Gain, Footin
 
 def late_imu(footing: Footing) -> tuple[float, Gain] | None:
     """The delay of the IMU against the joints [s] that makes the motion most consistent, and its gain; None if none
-    does. A delay by which the feet slide more is none: friction of the drives turns with the motion too, so that a
-    sway or a squat balances better by an accelerometer of a moment before, but no friction moves the feet.
+    does. A delay by which the feet slide no less than as recorded is none: friction of the drives turns with the motion
+    too, so that a sway, a squat or a trot balances better by an accelerometer of a moment before, but no friction moves
+    the feet.
     """
     limits, blocks = footing.limits, footing.blocks
     if len(blocks) < limits.order_fewest:
@@ -169,7 +170,7 @@ def late_imu(footing: Footing) -> tuple[float, Gain] | None:
     for k in (k for k in range(-limits.late_instants, limits.late_instants + 1) if k):
         pair = [Footing(footing.robot, each, limits) for each in blocks.shifted(k)]
         (now, _), (then, _) = pair[0].costs(pair[1])
-        if np.nansum(then) <= limits.late_slides * np.nansum(now):
+        if np.nansum(now - then) >= limits.gain * np.count_nonzero(np.isfinite(now)) > 0:
             found.append((k * step, Gain.of(*pair)))
     best = max(found, key=lambda entry: entry[1].mean, default=None)
     return best if best is not None and best[1].confirms(limits.gain, limits) else None

@@ -104,11 +104,8 @@ class CheckLimits:
     # the same with an unknown force from outside in every second, above which such a force is not mistaken for the
     # order, and `--fix` corrects it. Pushes of a swaying Go2 reach 60.
     order_certain: float = 150.0
-    # late_instants: number of instants, of 40 ms, by which the IMU may be late or early; late_slides: multiple of the
-    # cost of sliding feet up to which they slide no more by that than as recorded. Of a swaying humanoid, whose IMU is
-    # right, it is 1.8 for one instant and grows with the delay; of a robot that does not turn it is 1.
+    # number of instants, of 40 ms, by which the IMU may be late or early
     late_instants: int = 5
-    late_slides: float = 1.2
     # step_span, step_side: time before and after a possible step of a torque that is tested, most and least [s]
     step_span: float = 2.5
     step_side: float = 1.0
