@@ -40,6 +40,11 @@ from stadera.trunk.segment import RowSums, Segment
 from stadera.trunk.swing import SwingJoints, inverse_of, root_of
 from stadera.types import Array
 
+_PRIOR = 0.25
+"""Parts of a log, as many as the scatter of its rows counts for [1]: two parts alone may agree by chance. With 1 and 4
+bars of masses are a tenth wider, and those of places a fifth and more.
+"""
+
 
 class Errors:
     """Mean p̂ and covariance Σ of the model errors, and what they do to the trunk.
@@ -202,10 +207,7 @@ class Errors:
         Args:
             alike: correlation of static friction in both, one number or (..., 1, 1) [1].
         """
-        return self._between(first, second, alike, self.of_rows(first) + self.of_rows(second))
-
-    def _between(self, first: Segment | Told, second: Segment | Told, alike: float | Array, own: Array) -> Array:
-        """See `difference_covariance`; `own` (..., 10, 10) of what the two do not share."""
+        own = self.of_rows(first) + self.of_rows(second)
         difference = second.sensitivity - first.sensitivity
         at_once = difference.reshape(-1, difference.shape[-1]) @ self.lasting
         total = own + at_once.reshape(difference.shape) @ difference.mT
@@ -215,41 +217,24 @@ class Errors:
             total += share * changing @ self._changing @ changing.mT
         return np.asarray(0.5 * (total + total.mT))
 
-    def of_rows(self, segment: Segment | Told, scatter: float = 1.0) -> Array:
-        """Covariance (10, 10) of a segment's own errors: the rows' scatter, offsets that are others under another load,
-        and how far the estimate has moved under one and the same load.
+    def of_rows(self, segment: Segment | Told, scatter: float = 0.0) -> Array:
+        """Covariance (10, 10) of a segment's own errors: what parts of the log show (`stadera.trunk.batches`), and
+        offsets that are others under another load.
 
         Args:
-            scatter: variance of the rows, in their unit [1]. Of a trunk and of a load in a hand it is `scatter`. In the
-                difference of two loads on the trunk most of it cancels: steps are as wrong after a change as before it.
-                With the rows' unit for what is left places of payloads are 0.8 to 1.1 standard deviations off (rms,
-                second plant).
+            scatter: variance of the rows, in their unit [1], which counts besides. Of a trunk and of a load in a hand
+                it is `scatter`. In the difference of two loads on the trunk it cancels: steps are as wrong after a
+                change as before it.
         """
         drifted = segment.sensitivity[..., self._offsets] * self._drift
-        out = scatter * segment.inverse @ segment.inverse.mT + drifted @ drifted.mT
-        if isinstance(segment, Segment) and (earlier := segment.earlier) is not None:
-            out += self._moved(earlier, segment)
-        return np.asarray(out)
-
-    def _moved(self, earlier: Segment, now: Segment) -> Array:
-        """Variance (10, 10) between parts of a log, which bars of each do not contain: friction that goes with the
-        gait, drives that warm up. With d the difference from the estimate by the first part, and χ² of its mass and
-        first moments, it is
-
-            d dᵀ (1 - 4 / χ²)      where χ² is above its mean of 4, else 0
-
-        as estimated by moments (DerSimonian, Laird, Meta-analysis in clinical trials, Control. Clin. Trials 7 (1986)
-        177). Without it the places of payloads in twelve simulated trots are 1.4 standard deviations off (rms), their
-        masses 1.4; with it 1.0 and 1.0.
-        """
-        moved = now.mean(self.mean) - earlier.mean(self.mean)
-        first, second = (each.trunk.part(0, 4) for each in (earlier, now))
-        rows = first.inverse @ first.inverse.T + second.inverse @ second.inverse.T
-        covariance = self._between(first, second, self.alike(now), rows)
-        size = np.sqrt(np.diagonal(covariance))
-        ratio = moved[:4] / size
-        square = float(ratio @ np.linalg.solve(covariance / np.outer(size, size), ratio))
-        return np.outer(moved, moved) * max(1.0 - 4.0 / max(square, 1e-9), 0.0)
+        own = segment.inverse @ segment.inverse.mT
+        if isinstance(segment, Segment) and segment.held is None and segment.batches.parts:
+            pulls, count = segment.batches.pulls(own, segment.combination(self.mean))
+            of_parts = (_PRIOR * self.scatter * own + count * pulls @ pulls.T) / (_PRIOR + count - 1.0)
+            own = scatter * own + of_parts
+        else:
+            own = max(scatter, 1.0) * own
+        return np.asarray(own + drifted @ drifted.mT)
 
     def energies(self, products: Array) -> tuple[float, float]:
         """How the expected energy of the residual splits: that of the sampling error e, and of all others tr D Σ'. With

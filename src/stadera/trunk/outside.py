@@ -114,7 +114,7 @@ class Correction:
 
     @classmethod
     def by(
-        cls, known: Sequence[Knowledge], errors: Errors, present: Segment, scatter: float = 1.0, alike: float = 0.0
+        cls, known: Sequence[Knowledge], errors: Errors, present: Segment, scatter: float = 0.0, alike: float = 0.0
     ) -> Correction | None:
         """Of what is about trunks that have rows; None if nothing is."""
         ready = [item for item in known if all((segment or present).blocks for segment, _ in item.trunks)]

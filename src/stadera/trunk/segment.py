@@ -43,6 +43,7 @@ import numpy as np
 from scipy.linalg import lapack
 
 from stadera.body.rows import discounted
+from stadera.trunk.batches import Batches
 from stadera.trunk.block_rows import WeightedRows
 from stadera.trunk.error_model import ErrorLayout
 from stadera.trunk.placed import Held, Told, TrunkAndLoad, folded, told
@@ -50,7 +51,6 @@ from stadera.types import Array
 
 _KINDS = 3  # of residues: of blocks at rest, of blocks in motion, and of limbs
 _OF_LIMBS = 2
-_FIRST_MARK = 25.0  # weight: half a second, as long as a step
 
 
 class Residues:
@@ -98,7 +98,7 @@ class Segment:
         louder: variance of the trunk's rows in their unit [1]; that of the limbs' is one.
         held: where a load is that the trunk does not contain, and the trunk without it; None if there is none.
         slid: (2, joints), sums of the weights of blocks in which joints slide forward, and backward [1].
-        marks: what was known at up to two earlier blocks, see `earlier`.
+        batches: what parts of the rows tell, one after the other.
         residues: rows that blocks leave beyond the triangles.
     """
 
@@ -116,7 +116,7 @@ class Segment:
     limbs: Array = field(default_factory=lambda: np.zeros((0, 0)))
     limb_count: float = 0.0
     louder: float = 1.0
-    marks: tuple[Segment, ...] = ()
+    batches: Batches = field(default_factory=Batches)
 
     @classmethod
     def prior(cls, mean: Array, std: Array, layout: ErrorLayout, places: int = 0, held: Held | None = None) -> Segment:
@@ -160,19 +160,8 @@ class Segment:
             limbs,
             limb_count,
             self.louder if louder is None else louder,
-            self._marked(),
+            self.batches.add(rows.columns, rows.weight, rows.share, keep),
         )
-
-    def _marked(self) -> tuple[Segment, ...]:
-        """The marks of the next block: the last two that doubled the weight."""
-        if self.weight < (2.0 * self.marks[-1].weight if self.marks else _FIRST_MARK):
-            return self.marks
-        return (*self.marks[-1:], replace(self, marks=(), residues=Residues(1 + self.layout.count)))
-
-    @property
-    def earlier(self) -> Segment | None:
-        """The estimate by the first blocks, with a quarter to half of the weight; None where these are too few."""
-        return self.marks[0].with_load(self.held) if len(self.marks) == 2 else None
 
     def felt(self, rows: WeightedRows) -> WeightedRows:
         """The rows without what friction may hide in them, see the module's text. While a robot has only stood all are
