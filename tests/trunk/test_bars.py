@@ -60,7 +60,7 @@ def test_static_friction_is_as_large_as_friction_and_what_is_unknown_of_it() -> 
     model = ErrorModel(ROBOT.with_dynamics(dynamics), ModelErrors(), 0.7)
     swing = SwingJoints(model, SWING)
     terms = np.tile(np.array([[0.0], [1.0], [1.0], [0.0], [1.0]]), 12)
-    swing.add(np.ones(4, dtype=bool), terms, np.zeros(12), np.zeros(12), np.full(12, 0.1))
+    swing.add(np.ones(4, dtype=bool), terms, np.zeros(12), np.zeros(12), np.full(12, 0.1), np.zeros(12))
     found, coulomb = Errors(model, swing), PLACES["coulomb"]
     spread = np.diag(found.covariance)[coulomb]
     assert (spread > 0.2).all()

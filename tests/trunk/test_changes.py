@@ -25,7 +25,7 @@ ROBOT = load_robot("hyq")
 SCALE = ROBOT.mass * np.array([1.0, *[ROBOT.leg_length] * 3])
 TRUNK = np.array([40.0, 2.0, 1.0, 0.5, *np.zeros(6)])
 SETTINGS = ChangeSettings()
-SLIDING = SwingRows(np.zeros(12, dtype=bool), *[np.empty((0, 0))] * 4, slides=np.ones((2, 12), dtype=bool))
+SLIDING = SwingRows(np.zeros(12, dtype=bool), *[np.empty((0, 0))] * 4, np.ones((2, 12), dtype=bool), np.zeros(12))
 
 
 def errors(rows: RowSums | None = None, learnt: slice | None = None) -> Errors:
@@ -35,7 +35,7 @@ def errors(rows: RowSums | None = None, learnt: slice | None = None) -> Errors:
 
 def block(time: float, matrix: np.ndarray, error: np.ndarray, target: np.ndarray, white: float = 0.0) -> BlockRows:
     columns = np.hstack([matrix, target[:, None], error])
-    return BlockRows(time, BLOCK, columns, np.full(6, white), SLIDING, np.zeros(12))
+    return BlockRows(time, BLOCK, columns, np.full(6, white), SLIDING)
 
 
 def rows(seconds: float, noise: float, load: np.ndarray, at: float, seed: int) -> list[BlockRows]:

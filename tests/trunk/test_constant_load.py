@@ -85,13 +85,13 @@ def test_a_load_that_is_not_noticed_after_a_tare_is_no_error_of_the_model() -> N
     """Exact rows of one trunk before the tare and of another since then leave no residual."""
     robot, rng, none = load_robot("hyq"), np.random.default_rng(2), np.zeros(ERRORS)
     history = History(robot, np.zeros(10), LAYOUT, TrunkSettings())
-    swing = SwingRows(np.zeros(12, dtype=bool), *[np.empty((0, 0))] * 4, slides=np.ones((2, 12), dtype=bool))
+    swing = SwingRows(np.zeros(12, dtype=bool), *[np.empty((0, 0))] * 4, np.ones((2, 12), dtype=bool), np.zeros(12))
     for k in range(200):
         if k == 100:
             history.set_tare(none)
         A = rng.standard_normal((6, 10))
         b = A @ np.array([30.0 + 5.0 * (k >= 100), *np.zeros(9)])
         columns = np.hstack([A, b[:, None], np.zeros((6, ERRORS))])
-        history.add(BlockRows(0.02 * k, 0.02, columns, np.ones(6), swing, np.zeros(12)), none)
+        history.add(BlockRows(0.02 * k, 0.02, columns, np.ones(6), swing), none)
     assert history.current.remainder[0, 0] > 100.0
     assert history.total.in_motion[0, 0] < 1.0

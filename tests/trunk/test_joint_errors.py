@@ -43,7 +43,7 @@ def test_joints_whose_friction_is_known_stick_all_the_same(moved: bool) -> None:
     swing = SwingJoints(model, SwingDetection())
     if moved:
         terms = np.tile(np.array([[0.0], [1.0], [1.0], [0.0], [1.0]]), 12)
-        swing.add(np.ones(4, dtype=bool), terms, np.zeros(12), np.zeros(12), np.full(12, 0.1))
+        swing.add(np.ones(4, dtype=bool), terms, np.zeros(12), np.zeros(12), np.full(12, 0.1), np.zeros(12))
     rows = RowSums(*np.zeros((2, 1 + ERRORS, 1 + ERRORS)), 100.0, 5.0)
     for summed in (None, rows):
         errors = Errors(model, swing, None, summed)

@@ -101,10 +101,10 @@ def test_a_robot_that_has_only_stood_is_weighed_by_all_its_rows_alike() -> None:
 def test_a_load_begins_with_joints_that_have_not_slid_under_it() -> None:
     robot, settings = load_robot("hyq"), TrunkSettings()
     history = History(robot, np.zeros(10), LAYOUT, settings, static=np.ones(12))
-    swing = SwingRows(np.zeros(12, dtype=bool), *[np.empty((0, 0))] * 4, slides=np.ones((2, 12), dtype=bool))
+    swing = SwingRows(np.zeros(12, dtype=bool), *[np.empty((0, 0))] * 4, np.ones((2, 12), dtype=bool), np.zeros(12))
     for k in range(settings.changes.pending):
         columns = np.hstack([RNG.standard_normal((6, 11)), np.zeros((6, ERRORS))])
-        history.add(BlockRows(0.02 * k, 0.02, columns, np.ones(6), swing, np.zeros(12)), np.zeros(ERRORS))
+        history.add(BlockRows(0.02 * k, 0.02, columns, np.ones(6), swing), np.zeros(ERRORS))
     assert history.current.slid.all()
     history.set_tare(np.zeros(ERRORS))
     assert history.loaded is not None
@@ -118,8 +118,8 @@ def test_what_friction_hides_is_that_of_a_joint_at_rest_or_at_standstill() -> No
     holding = LAYOUT.places["stiction"], LAYOUT.places["standstill"]
     for place, some in zip(holding, (JOINTS < 5, JOINTS >= 5), strict=True):
         columns[:, 11 + place.start : 11 + place.stop] = some
-    swing = SwingRows(np.zeros(12, dtype=bool), *[np.empty((0, 0))] * 4, slides=np.zeros((2, 12), dtype=bool))
-    made = BlockRows(0.0, 0.02, columns, np.ones(6), swing, np.zeros(12))
+    swing = SwingRows(np.zeros(12, dtype=bool), *[np.empty((0, 0))] * 4, np.zeros((2, 12), dtype=bool), np.zeros(12))
+    made = BlockRows(0.0, 0.02, columns, np.ones(6), swing)
     unit, std = np.arange(1.0, 7.0), np.linspace(0.1, 1.0, 12)
     rows = Weighting(unit, static=(holding, std), rests=0.4).weighted(made)
     assert rows.hidden == pytest.approx(std / unit[:, None])

@@ -47,7 +47,7 @@ def swung(blocks: int, noise: float, wild: float = 0.0, seed: int = 0) -> SwingJ
         residual = LAG * rate - asked + noise * rng.standard_normal(12)
         if wild and k % 20 == 7:
             residual[4] += wild
-        swing.add(IN_THE_AIR, terms, rate, residual, np.full(12, noise))
+        swing.add(IN_THE_AIR, terms, rate, residual, np.full(12, noise), np.zeros(12))
     return swing
 
 
@@ -76,6 +76,31 @@ def test_legs_that_never_swung_share_what_others_showed() -> None:
     assert 0.4 * COULOMB < mean[hind] < 1.1 * COULOMB
     assert covariance[hind, hind] > 4.0 * covariance[front, front]
     assert abs(mean[PLACES["offset"].start + 8]) < 0.05  # an offset is each joint's own
+
+
+def test_what_holds_a_joint_that_sticks_is_neither_its_offset_nor_its_friction() -> None:
+    """Of joints that slide half of the time and else tremble, held by friction against the same push."""
+    rng = np.random.default_rng(0)
+    swing = SwingJoints(ErrorModel(robot(), ModelErrors(), 0.7), SwingDetection())
+    for k in range(400):
+        phase = 0.4 * k + np.arange(12)
+        slides = k % 20 < 10
+        velocity = 3.0 * np.cos(phase) if slides else 0.01 * rng.standard_normal(12)
+        acceleration = 60.0 * np.sin(1.7 * phase) if slides else rng.standard_normal(12)
+        sign = np.tanh(velocity / 0.02)
+        terms = np.stack([acceleration, velocity, sign, np.zeros(12), np.ones(12)])
+        acts = COULOMB * sign if slides else np.full(12, 0.7 * COULOMB)
+        moved = (ROTOR * acceleration + VISCOUS * velocity) * slides
+        residual = -(moved + acts) + 0.05 * rng.standard_normal(12)
+        swing.add(IN_THE_AIR, terms, np.zeros(12), residual, np.full(12, 0.05), 1.0 - np.tanh(velocity / 0.04) ** 2)
+        swing.posterior()
+    mean, covariance = swing.posterior()
+    for name, truth in (("coulomb", COULOMB), ("offset", 0.0), ("viscous", VISCOUS), ("rotor", ROTOR)):
+        seen = slice(PLACES[name].start, PLACES[name].start + 6)
+        assert (np.abs(mean[seen] - truth) < 3.0 * np.sqrt(np.diag(covariance)[seen])).all(), name
+    assert mean[PLACES["offset"]][:6] == pytest.approx(0.0, abs=0.2 * COULOMB)
+    assert mean[PLACES["coulomb"]][:6] == pytest.approx(COULOMB, rel=0.1)
+    assert not swing.stepped.any()
 
 
 def test_nothing_in_the_air_leaves_the_prior() -> None:

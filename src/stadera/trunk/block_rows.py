@@ -47,8 +47,8 @@ class Equations:
 @dataclass(frozen=True, eq=False)
 class SwingRows:
     """A window's rows in joint space, for legs in the air: see `stadera.trunk.swing.SwingJoints.add`; `white` is the
-    variance, `slides` (2, J) tells joints that slide forward, and backward, throughout the window, `stepping` is as of
-    `Lifted`.
+    variance, `slides` (2, J) tells joints that slide forward, and backward, throughout the window, `unsure` is with s
+    of the mean velocity and, as wide as that, its noise, `stepping` is as of `Lifted`.
     """
 
     air: Bools
@@ -57,6 +57,7 @@ class SwingRows:
     residual: Array
     white: Array
     slides: Bools
+    unsure: Array
     stepping: bool = False
 
 
@@ -69,8 +70,6 @@ class BlockRows(Equations):
         columns: (6, ...), of A, b [N, N·m], C and loads. limbs: (joints, ...), None if there are none.
         white: (6,), variances of the white noise.
         swing: rows in joint space.
-        unsure: (J,), variance 1 - s² of the direction of each joint's friction [1], s of the mean velocity and, as wide
-            as that, its noise.
     """
 
     time: float
@@ -78,7 +77,6 @@ class BlockRows(Equations):
     columns: Array
     white: Array
     swing: SwingRows
-    unsure: Array
     limbs: Array | None = None
 
 
@@ -184,7 +182,7 @@ class Weighting:
             white = float((discounted(np.diag(np.sqrt(rows.white) / unit), hidden) ** 2).sum())
             columns = discounted(columns, hidden)
         if self.friction is not None:
-            white += float(((columns[:, 11:][:, self.friction[0]] * self.friction[1]) ** 2 @ rows.unsure).sum())
+            white += float(((columns[:, 11:][:, self.friction[0]] * self.friction[1]) ** 2 @ rows.swing.unsure).sum())
         held: Array | None = None
         if self.static is not None:
             held = self.static[1] * sum(columns[:, 11:][:, place] for place in self.static[0])

@@ -194,7 +194,7 @@ class ModelFit:
     def add_swing(self, swing: SwingRows) -> None:
         """Adds a block's rows of legs in the air."""
         if swing.air.any():
-            self.swing.add(swing.air, swing.terms, swing.rate, swing.residual, np.sqrt(swing.white))
+            self.swing.add(swing.air, swing.terms, swing.rate, swing.residual, np.sqrt(swing.white), swing.unsure)
 
     def update(self, history: History, front: Front) -> bool:
         """Updates p̂, Σ and the fit if it is time to, and returns whether it was."""

@@ -252,10 +252,10 @@ class RowMaker:
         rows: list[BlockRows | None] = [None] * len(follows)
         for b in np.flatnonzero(follows):
             in_air = SwingRows(
-                air[b], joint[b, :5], joint[b, 5], joint[b, 6], noise.torque[b], slides[b], bool(stepping[b])
+                air[b], joint[b, :5], joint[b, 5], joint[b, 6], noise.torque[b], slides[b], unsure[b], bool(stepping[b])
             )
             time, own = (float(second["end"][b]), float(elapsed[b])), None if limbs is None else limbs[b]
-            rows[b] = BlockRows(*time, columns[b], white[b], in_air, unsure[b], own)
+            rows[b] = BlockRows(*time, columns[b], white[b], in_air, own)
         return rows
 
     def _quieten_limbs(self, sums: Sums, posture: Array, still: Bools, gravity: Array, follows: Bools) -> None:

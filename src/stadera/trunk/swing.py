@@ -6,7 +6,9 @@ A leg in the air has no contact force, so each of its joints obeys
 
 with h of the rigid bodies, s the smoothed sign of q̇ and d the torques' lag, common to all joints. The trunk's mass
 does not enter these rows, so wrong torques under load cannot affect them. A friction law errs alike over a whole swing,
-so `repeated` rows count as one.
+so `repeated` rows count as one. A joint that sticks is held by any torque up to its friction c: once c is known, its
+rows have the variance (1 - s²) c² beside that. Without it the noise of its velocity passes for sliding, and abduction
+joints of a straight trot seem to have a third of their friction and an offset of the rest.
 
 **Which legs are in the air**: their feet are off the ground and lightly loaded, while the others carry the robot.
 A foot is off the ground if it is higher than the others, or moves relative to them. Feet that stand have the same
@@ -56,13 +58,14 @@ class SwingJoints:
         self._normal, self._right = np.zeros((count, count)), np.zeros(count)
         self._square, self.rows = 0.0, 0.0
         self._last, self._typical = np.zeros(count), np.inf
-        self._first: list[tuple[Array, Array, Array]] | None = []
+        self._dry, self._coulomb, self._square_held = errors.dry, layout.places["coulomb"], errors.resting**2
+        self._first: list[tuple[Array, Array, Array, Array, NDArray[np.int64]]] | None = []
         self._expected, self._loud = np.zeros(count), np.inf
         self._joints = np.zeros((3, layout.joints))
         self._averaged, self._average, self.stepped = self._joints
         self._found: tuple[Array, Array, float] | None = None
 
-    def add(self, air: Bools, terms: Array, rate: Array, residual: Array, white: Array) -> None:
+    def add(self, air: Bools, terms: Array, rate: Array, residual: Array, white: Array, unsure: Array) -> None:
         """Adds one block.
 
         Args:
@@ -70,19 +73,20 @@ class SwingJoints:
             terms: (5, joints), averages of q̈, q̇, s, s |τ| and 1 by joint.
             rate: (joints,) [N·m/s], of the torques. residual: (joints,) [N·m], h - τ_measured.
             white: (joints,) [N·m], standard deviation of its white noise.
+            unsure: (joints,), variance 1 - s² of the direction of friction [1].
         """
         rows = np.zeros((len(rate), len(self._right)))
         rows[self._each, self._at] = terms
         rows[:, self._lag] = -rate
-        weight = 1.0 / (white**2 + (self._settings.residual * self._limit) ** 2)
-        swinging = np.repeat(air, self._legs)
-        self._compare(swinging, residual + rows @ self._expected, weight)
+        own, swinging = white**2 + (self._settings.residual * self._limit) ** 2, np.repeat(air, self._legs)
+        weight = 1.0 / (own + unsure * self._square_held / self._typical)
+        self._compare(swinging * (1.0 - unsure), residual + rows @ self._expected, weight)
         if not swinging.any():
             return
-        rows, residual, weight = rows[swinging], residual[swinging], weight[swinging]
         if self._first is not None:
-            self._first.append((rows, residual, weight))
-        self._sum(rows, residual, weight)
+            joint = self._each[swinging]
+            self._first.append((rows[joint], residual[joint], own[joint], unsure[joint], joint))
+        self._sum(rows[swinging], residual[swinging], weight[swinging])
 
     def _sum(self, rows: Array, residual: Array, weight: Array) -> None:
         """Adds rows, each with the weight of Student's t at its residual."""
@@ -100,19 +104,23 @@ class SwingJoints:
     def _sum_anew(self) -> None:
         """Weighs the first rows, which were summed before the law was known, by what they leave of it together."""
         assert self._first is not None
-        rows, residual, weight = (np.concatenate(part) for part in zip(*self._first, strict=True))
-        self._first, mean = None, self._least_squares(np.ones(len(self._right)))[0]
-        square = weight * (residual + rows @ mean) ** 2
+        rows, residual, own, unsure, joint = (np.concatenate(part) for part in zip(*self._first, strict=True))
+        self._first, self._last = None, self._least_squares(np.ones(len(self._right)))[0]
+        square = (residual + rows @ self._last) ** 2 / own
         self._typical = max(float(np.median(square)) / 0.455, self._settings.quietest)  # the median of χ² of one
         for _ in range(4):
-            self._last, self._square, self.rows = mean, 0.0, 0.0
+            self._square, self.rows = 0.0, 0.0
             self._normal, self._right = np.zeros_like(self._normal), np.zeros_like(self._right)
-            self._sum(rows, residual, weight)
-            mean, _, loud = self._least_squares(np.ones(len(self._right)))
-            self._typical = loud / self._settings.repeated
+            self._sum(rows, residual, 1.0 / (own + unsure * self._square_held[joint] / self._typical))
+            self._learn(*self._least_squares(np.ones(len(self._right))))
 
-    def _compare(self, swinging: Bools, residual: Array, weight: Array) -> None:
-        """Averages the latest residuals of each joint, and keeps those that are beyond the usual ones."""
+    def _learn(self, mean: Array, covariance: Array, loud: float) -> None:
+        """Takes the law by which later rows are weighed."""
+        self._last, self._typical = mean, loud / self._settings.repeated
+        self._square_held = (self._dry + mean[self._coulomb]) ** 2 + np.diagonal(covariance)[self._coulomb]
+
+    def _compare(self, swinging: Array, residual: Array, weight: Array) -> None:
+        """Averages the latest residuals of each joint, as far as it slides, and keeps those beyond the usual ones."""
         if self._loud == np.inf:
             return
         share = swinging / self._settings.recent
@@ -158,11 +166,10 @@ class SwingJoints:
         if known and self._first is not None:
             self._sum_anew()
         mean, _, loud = self._found = self._least_squares(np.ones(count))
-        loud /= self._settings.repeated
         if self.rows > 2 * count and self._loud == np.inf:  # compared with the log's beginning
-            self._expected, self._loud = mean, self._settings.wild_step**2 * loud
+            self._expected, self._loud = mean, self._settings.wild_step**2 * loud / self._settings.repeated
         if known:
-            self._last, self._typical = mean, loud
+            self._learn(*self._found)
         return self._found
 
     def _least_squares(self, scale: Array) -> tuple[Array, Array, float]:
