@@ -62,6 +62,15 @@ def test_drives_tell_how_alike_they_are(spread: float) -> None:
     assert width == pytest.approx(spread * 0.10 * np.sqrt(1 + 1 / 3), rel=0.3)
 
 
+def test_the_one_that_differs_is_not_drawn_to_the_others() -> None:
+    first = hyq().legs[0]
+    own = [(first, found(first, {f"{k}.armature": 1.6 * a for k, a in enumerate((0.05, 0.1, 0.1))}))]
+    prior = prior_of(first)
+    centre, width = term(pooled_prior(first, prior, [*own, *alike(0.1)], SPREAD), first, 2, "armature")
+    assert centre == pytest.approx(0.10)
+    assert width > 2.0 * term(pooled_prior(first, prior, alike(0.1), SPREAD), first, 2, "armature")[1]
+
+
 def test_errors_of_the_others_are_no_spread() -> None:
     first = hyq().legs[0]
     _, width = term(pooled_prior(first, prior_of(first), alike(0.3, std=0.3 * 0.1), SPREAD), first, 2, "armature")

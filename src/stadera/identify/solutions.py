@@ -277,39 +277,50 @@ class KindSpread:
         return getattr(self, term) * np.exp(self.factor * at), -0.5 * at**2
 
 
-def pooled_prior(leg: Leg, prior: Prior, others: Sequence[tuple[Leg, Estimate]], spread: KindSpread) -> Prior:
-    """A leg's prior, with centre and width of its drives' terms taken from the other legs, if there are any."""
+def pooled_prior(leg: Leg, prior: Prior, drives: Sequence[tuple[Leg, Estimate]], spread: KindSpread) -> Prior:
+    """A leg's prior, with centre and width of its drives' terms taken from the other legs among `drives`, if there are
+    any. How alike drives are is told by the leg's own too: the one of four that differs is not drawn to the others.
+    """
     values, root = prior.values.copy(), prior.root.copy()
-    for term in _NON_NEGATIVE if others else ():
+    others = np.array([other is not leg for other, _ in drives], dtype=bool)
+    for term in _NON_NEGATIVE if others.any() else ():
         kinds = [k for k, joint in enumerate(leg.joints) if f"{joint}.{term}" in prior.columns]
         at = [prior.columns.index(f"{leg.joints[k]}.{term}") for k in kinds]
-        found, variance = np.zeros((2, len(others), len(kinds)))
-        for row, own, (other, estimate) in zip(found, variance, others, strict=True):
+        found, variance = np.zeros((2, len(drives), len(kinds)))
+        for row, own, (other, estimate) in zip(found, variance, drives, strict=True):
             places = [estimate.columns.index(f"{other.joints[k]}.{term}") for k in kinds]
             row[:] = estimate.values[places]
             own[:] = np.diag(estimate.covariance)[places] - (estimate.shared[places] ** 2).sum(axis=1)
-        values[at], root[at, at] = _drawn_about(found, variance, *spread.tried(term), root[at, at])
+        values[at], root[at, at] = _drawn_about(found, variance, others, *spread.tried(term), root[at, at])
     return replace(prior, values=values, root=root)
 
 
-def _drawn_about(found: Array, variance: Array, spreads: Array, prior: Array, widest: Array) -> tuple[Array, Array]:
-    """Mean and standard deviation (kinds,) of another drive of each kind, from those `found` (drives, kinds).
+def _drawn_about(
+    found: Array, variance: Array, others: Bools, spreads: Array, prior: Array, widest: Array
+) -> tuple[Array, Array]:
+    """Mean and standard deviation (kinds,) of another drive of each kind than those `found` (drives, kinds) among the
+    `others` (drives,).
 
     Drives of a kind are drawn about a mean m with the standard deviation τ m, and `found` with an error of `variance`.
-    The marginal likelihood of τ, the means integrated out, is that of all kinds together (Patterson and Thompson 1971),
-    and the result is the mean over τ: drives that differ do not pull each other.
+    The marginal likelihood of τ, the means integrated out, is that of all kinds together (Patterson and Thompson 1971).
+    Given τ, a drive follows the others with N(m_τ, v_τ). The logarithm of that density is averaged over τ, as in
+    variational Bayes: v is the inverse of the mean of 1/v_τ, so drives that differ do not pull each other.
     """
     between = (spreads[:, None] * np.median(np.abs(found), axis=0)) ** 2  # (spreads, kinds)
     weights = 1.0 / (variance + between[:, None] + 1e-12 * widest**2)
-    whole = weights.sum(axis=1)
-    means = (weights * found).sum(axis=1) / whole
-    squares = (weights * (found - means[:, None]) ** 2).sum(axis=1)
+
+    def means(of: Bools | slice) -> tuple[Array, Array]:
+        whole = weights[:, of].sum(axis=1)
+        return (weights[:, of] * found[of]).sum(axis=1) / whole, whole
+
+    mean, whole = means(slice(None))
+    squares = (weights * (found - mean[:, None]) ** 2).sum(axis=1)
     likely = prior + 0.5 * (np.log(weights).sum(axis=1) - np.log(whole) - squares).sum(axis=1)
-    share = np.exp(likely - likely.max())
-    share /= share.sum()
-    mean = share @ means
-    std = np.sqrt(share @ (between + 1.0 / whole + (means - mean) ** 2))
-    return np.maximum(mean, 0.0), np.minimum(std, widest)
+    mean, whole = means(others)
+    known = np.exp(likely - likely.max())[:, None] / (between + 1.0 / whole)
+    known /= np.exp(likely - likely.max()).sum()
+    total = known.sum(axis=0)
+    return np.maximum((known * mean).sum(axis=0) / total, 0.0), np.minimum(1.0 / np.sqrt(total), widest)
 
 
 def with_scale(information: Information, std: float) -> Information:
@@ -335,8 +346,7 @@ def solve_legs(
     if spread is not None and len(legs) > 1:
         alone = [consistent_solution(information, prior, solver) for _, information, prior in legs]
         drives = [(leg, estimate) for (leg, _, _), estimate in zip(legs, alone, strict=True)]
-        others = [[drive for drive in drives if drive[0] is not leg] for leg, _, _ in legs]
-        priors = [pooled_prior(leg, prior, o, spread) for (leg, _, prior), o in zip(legs, others, strict=True)]
+        priors = [pooled_prior(leg, prior, drives, spread) for leg, _, prior in legs]
     out = []
     for done, ((_, information, _), prior) in enumerate(zip(legs, priors, strict=True)):
         out.append((_SOLVERS[method](information, prior, solver), null_space_solution(information, prior, solver)))
