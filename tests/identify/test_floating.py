@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from stadera import identify
-from stadera.identify.floating import floating_log
+from stadera.identify.floating import _Columns, floating_log
 from stadera.identify.result import Identification
 from stadera.identify.schema import with_identified_legs
 from stadera.identify.settings import IdentifySettings
@@ -20,6 +20,8 @@ from stadera.lab.scenarios.catalog import SimulateSettings
 from stadera.lab.scenarios.run import simulate
 from stadera.logs import Recording
 from stadera.robot import JointDynamics, Robot
+from stadera.trunk.error_model import ErrorModel
+from stadera.trunk.settings import ModelErrors
 
 from identify.leg_runs import hyq, noisy, swing  # isort: skip
 
@@ -83,6 +85,25 @@ def test_the_prior_divided_out_and_put_back_gives_the_posterior() -> None:
     told = Information.of_posterior("abcde", covariance @ rows.T @ target, covariance, prior, least=1e-9)
     np.testing.assert_allclose(told.R.T @ told.R, rows.T @ rows, atol=1e-9)
     np.testing.assert_allclose(told.R.T @ told.z, rows.T @ target, atol=1e-9)
+
+
+def test_an_error_that_hides_in_another_makes_it_no_less_known_than_that() -> None:
+    """A knee's offset, told to 0.1 N·m together with a weight of its link that is known to 0.3 N·m, is told to both;
+    and what is told in common with it stays so.
+    """
+    model = ErrorModel(hyq(), ModelErrors(alike=0.0), hyq().leg_length)
+    start, at = np.diag(model.variance), model.layout.places["offset"].start + 2
+    viscous = model.layout.places["viscous"].start + 2
+    rows, hidden = np.zeros((2, model.layout.count)), np.zeros(model.layout.count)
+    rows[0, [at, viscous]], rows[1, at], hidden[at] = (100.0, 100.0), 10.0, 0.3
+    covariance = np.linalg.inv(np.linalg.inv(start + 1e-12 * np.eye(len(start))) + rows.T @ rows)
+    mean, leg = np.zeros(len(start)), hyq().legs[0]
+    told = _Columns.of(hyq()).of_legs(mean, covariance, start + 1e-12 * np.eye(len(start)), hidden)[leg.name]
+    both = [told.names.index(f"{leg.joints[2]}.{term}") for term in ("offset", "viscous")]
+    known = np.linalg.inv((told.R.T @ told.R)[np.ix_(both, both)])
+    seen = np.linalg.inv((rows.T @ rows)[np.ix_([at, viscous], [at, viscous])])
+    seen[0, 0] += 0.3**2
+    np.testing.assert_allclose(known, seen, rtol=1e-4)
 
 
 def test_walk_and_legs_in_the_air_together_know_more(tmp_path: Path) -> None:

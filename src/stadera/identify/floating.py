@@ -22,6 +22,7 @@ from zlib import crc32
 import numpy as np
 
 from stadera.body import Rows
+from stadera.body.rows import discounted
 from stadera.identify.log import Log
 from stadera.identify.prior import Prior
 from stadera.inertia import ORDER
@@ -135,8 +136,11 @@ class _Columns:
                 model[own] = [getattr(robot.dynamics[owner], term) for term in TERMS]
         return cls(robot, columns, at, slope, model)
 
-    def of_legs(self, mean: Array, covariance: Array, start: Array) -> dict[str, Information]:
-        """Information on each leg from N(`mean`, `covariance`) of all errors, which were N(0, `start`).
+    def of_legs(
+        self, mean: Array, covariance: Array, start: Array, hidden: Array | None = None
+    ) -> dict[str, Information]:
+        """Information on each leg from N(`mean`, `covariance`) of all errors, which were N(0, `start`), of rows that
+        tell each error together with another one of the standard deviation `hidden` (errors,), None for none.
 
         The prior has drives of one kind alike. That is divided out of all legs together; then each leg's part is what
         is known of it with the other legs at the prior that they have each by itself, which is divided out in turn.
@@ -152,8 +156,11 @@ class _Columns:
         middle, out = after @ (every.R.T @ every.z), {}
         for leg, own in zip(self.robot.legs, owns, strict=True):
             alone = Information.of_posterior(self.columns[own], middle[own], after[own, own], apart[own, own])
-            matrix = np.asarray(np.linalg.solve(self.slope[own, own].T, alone.R.T).T, dtype=float)
-            rows = Rows(self.columns[own], matrix, np.asarray(alone.z + matrix @ self.model[own]))
+            told = np.column_stack((alone.R, alone.z))
+            if hidden is not None:
+                told = discounted(told, alone.R * hidden[self.at[own]])
+            matrix = np.asarray(np.linalg.solve(self.slope[own, own].T, told[:, :-1].T).T, dtype=float)
+            rows = Rows(self.columns[own], matrix, np.asarray(told[:, -1] + matrix @ self.model[own]))
             out[leg.name] = Information.of([rows], self.columns[own])
         return out
 
@@ -161,11 +168,11 @@ class _Columns:
 def learnt(estimator: TrunkEstimator) -> dict[str, Information]:
     """What the estimator learnt about links and drives, by leg."""
     errors, std = estimator.errors, estimator.drives.std
-    covariance = errors.covariance.copy()
+    hidden = np.zeros(errors.layout.count)
     for k, name in enumerate(TERMS.values()):
         place = errors.layout.places[name]
-        covariance[place, place] += np.diag(np.maximum(std[:, k] ** 2 - np.diag(covariance)[place], 0.0))
-    return _Columns.of(estimator.robot).of_legs(errors.mean, covariance, errors.start)
+        hidden[place] = np.sqrt(np.maximum(std[:, k] ** 2 - errors.std[place] ** 2, 0.0))
+    return _Columns.of(estimator.robot).of_legs(errors.mean, errors.covariance, errors.start, hidden)
 
 
 def remembered(
