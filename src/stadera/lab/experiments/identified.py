@@ -25,7 +25,7 @@ from stadera.lab.experiments.runner import ExperimentResult, Outcome, Paper, Rec
 from stadera.lab.plant.model import DryFriction
 from stadera.lab.reality.draw import VaryingSizes
 from stadera.lab.reality.log import offset_drift
-from stadera.lab.scenarios.catalog import Load, SimulateSettings
+from stadera.lab.scenarios.catalog import SimulateSettings
 from stadera.lab.scenarios.run import simulate, stored, swing
 from stadera.lab.truth import Truth
 from stadera.logs import Recording
@@ -82,8 +82,7 @@ def identified(case: IdentifiedCase, logs: Path | None = None) -> dict[str, Any]
 
 
 def _log(case: IdentifiedCase, robot: Robot, draw: int, scenario: str, logs: Path | None) -> tuple[Recording, Truth]:
-    tiny = Load(1e-3 * robot.mass)  # of the scenario, that comes after the log's end
-    settings = SimulateSettings(_ERRORS, tiny, duration=case.seconds, seed=draw, load_time=case.seconds + 1.0)
+    settings = SimulateSettings(_ERRORS, duration=case.seconds, seed=draw)
     name = f"{case.robot}-{scenario}-{case.seconds:g}-{case.seed}"
     in_air = scenario == "swing"
     run = (lambda: swing(robot, settings=settings)) if in_air else (lambda: simulate(robot, scenario, settings))
