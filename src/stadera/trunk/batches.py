@@ -13,13 +13,11 @@ whole steps, and cancels between two loads; noise, impacts between samples, and 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
 from stadera.types import Array
-
-_FIRST = 25.0  # weight of a part: half a second, as long as a step
-_MOST = 16  # number of parts
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,13 +26,15 @@ class Batches:
 
     Attributes:
         parts: (10, columns) each. weights: of their blocks [1]. The last one is not complete.
-        length: weight of a part as it was completed [1].
+        length: weight of a part as it was completed [1]; the first ones take half a second, as long as a step.
         keep: weight that the complete parts have kept since the last one was [1].
     """
 
+    MOST: ClassVar = 16  # number of parts
+
     parts: tuple[Array, ...] = ()
     weights: tuple[float, ...] = ()
-    length: float = _FIRST
+    length: float = 25.0
     keep: float = 1.0
 
     def add(self, columns: Array, weight: float, share: float, keep: float) -> Batches:
@@ -53,9 +53,9 @@ class Batches:
             return Batches((*self.parts[:-1], last), lasting, self.length, keep * self.keep)
         faded, length = self._faded, self.length
         parts, weights = [keep * part for part in faded.parts], [keep * w for w in faded.weights]
-        if len(parts) == _MOST:
+        if len(parts) == self.MOST:
             # of a log longer than the memory, the oldest two have faded to less than one
-            merged = 1 if weights[0] + weights[1] < length else _MOST // 2
+            merged = 1 if weights[0] + weights[1] < length else self.MOST // 2
             parts[: 2 * merged] = [parts[k] + parts[k + 1] for k in range(0, 2 * merged, 2)]
             weights[: 2 * merged] = [weights[k] + weights[k + 1] for k in range(0, 2 * merged, 2)]
             length = length if merged == 1 else 2.0 * length
