@@ -160,7 +160,7 @@ def table1_leg() -> None:
         shown.auto_set_column_width(range(len(head)))
         for (row, column), drawn in shown.get_celld().items():
             mark = rows[row - 1][column].mark if row and column < len(rows[row - 1]) else None
-            drawn.set(edgecolor=SOFT, linewidth=0.3)
+            drawn.set(edgecolor=SOFT, facecolor="none", linewidth=0.3)
             drawn.get_text().set_color(colours[mark.word] if mark else INK)
         axis.set_title(table.title)
         axis.set_axis_off()
