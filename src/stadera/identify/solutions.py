@@ -317,8 +317,8 @@ def _drawn_about(
     squares = (weights * (found - mean[:, None]) ** 2).sum(axis=1)
     likely = prior + 0.5 * (np.log(weights).sum(axis=1) - np.log(whole) - squares).sum(axis=1)
     mean, whole = means(others)
-    known = np.exp(likely - likely.max())[:, None] / (between + 1.0 / whole)
-    known /= np.exp(likely - likely.max()).sum()
+    share = np.exp(likely - likely.max())
+    known = (share / share.sum())[:, None] / (between + 1.0 / whole)
     total = known.sum(axis=0)
     return np.maximum((known * mean).sum(axis=0) / total, 0.0), np.minimum(1.0 / np.sqrt(total), widest)
 

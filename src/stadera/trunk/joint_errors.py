@@ -228,7 +228,7 @@ class Errors:
         """
         drifted = segment.sensitivity[..., self._offsets] * self._drift
         own = segment.inverse @ segment.inverse.mT
-        if isinstance(segment, Segment) and segment.held is None and segment.batches.parts:
+        if isinstance(segment, Segment) and segment.held is None and len(segment.batches.weights):
             pulls, count = segment.batches.pulls(own, segment.combination(self.mean))
             of_parts = (_PRIOR * self.scatter * own + count * pulls @ pulls.T) / (_PRIOR + count - 1.0)
             own = scatter * own + of_parts
