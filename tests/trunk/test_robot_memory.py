@@ -177,7 +177,7 @@ def test_ten_logs_days_apart_and_a_swapped_motor_in_the_sixth() -> None:
             bars.append(payload.mass_std)
         if log == 0:
             estimator.know_weight(made.true.mass, 0.02)
-        learnt, said = estimator.told(memory, day)
+        learnt, said = estimator.remembered(memory, day)
         if log == 5:
             assert learnt is None
             assert f"contradicts the memory of 5 logs in the Coulomb friction of {joint}" in said

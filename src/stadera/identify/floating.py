@@ -97,7 +97,7 @@ def floating_log(
         estimator.add(samples)
         done += len(samples)
         progress("links and drives of a robot on its feet", done, 0)
-    kept, said = (None, "") if memory is None else estimator.told(memory, days)
+    kept, said = (None, "") if memory is None else estimator.remembered(memory, days)
     lag, trust = -estimator.torque_lag[0], estimator.trust
     return FloatingLog(log.source, learnt(estimator), estimator.trunk, lag, trust, kept, said)
 
@@ -156,11 +156,11 @@ class _Columns:
         middle, out = after @ (every.R.T @ every.z), {}
         for leg, own in zip(self.robot.legs, owns, strict=True):
             alone = Information.of_posterior(self.columns[own], middle[own], after[own, own], apart[own, own])
-            told = np.column_stack((alone.R, alone.z))
+            evidence = np.column_stack((alone.R, alone.z))
             if hidden is not None:
-                told = discounted(told, alone.R * hidden[self.at[own]])
-            matrix = np.asarray(np.linalg.solve(self.slope[own, own].T, told[:, :-1].T).T, dtype=float)
-            rows = Rows(self.columns[own], matrix, np.asarray(told[:, -1] + matrix @ self.model[own]))
+                evidence = discounted(evidence, alone.R * hidden[self.at[own]])
+            matrix = np.asarray(np.linalg.solve(self.slope[own, own].T, evidence[:, :-1].T).T, dtype=float)
+            rows = Rows(self.columns[own], matrix, np.asarray(evidence[:, -1] + matrix @ self.model[own]))
             out[leg.name] = Information.of([rows], self.columns[own])
         return out
 

@@ -279,7 +279,7 @@ class KindSpread:
 
 def pooled_prior(leg: Leg, prior: Prior, drives: Sequence[tuple[Leg, Estimate]], spread: KindSpread) -> Prior:
     """A leg's prior, with centre and width of its drives' terms taken from the other legs among `drives`, if there are
-    any. How alike drives are is told by the leg's own too: the one of four that differs is not drawn to the others.
+    any. The leg's own drives count in how alike they are: the one of four that differs is not drawn to the others.
     """
     values, root = prior.values.copy(), prior.root.copy()
     others = np.array([other is not leg for other, _ in drives], dtype=bool)

@@ -195,7 +195,7 @@ class LiveSession:
         """
         if self._memory is None or self.estimator is None:
             return None, "the robot's memory stays as it was: nothing was learnt"
-        return self.estimator.told(self._memory, time.time() / DAY)
+        return self.estimator.remembered(self._memory, time.time() / DAY)
 
     def event(self, until: float) -> tuple[object, ...]:
         """Key of the state that changes when a state must be sent at once: changes, verdict, missing input, tare."""

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 from stadera.trunk.history import History
 from stadera.trunk.joint_errors import Errors
-from stadera.trunk.placed import Told
+from stadera.trunk.placed import Solved
 from stadera.trunk.segment import Segment
 from stadera.trunk.settings import ChangeSettings
 from stadera.types import Array, Bools
@@ -165,12 +165,12 @@ class ChangeDetector:
         rows, few = inverse @ over, slice(0, 4)
         size = np.array([row @ each.combination(errors.mean) for each, row in zip(before, rows, strict=True)])
         # of mass and first moments alone; how the estimate before moves is learnt from ratios here
-        known = Told.stack([each.whole for each in before], few)
+        known = Solved.stack([each.whole for each in before], few)
         moved = np.array([each.by_errors(row) for each, row in zip(before, rows[:, few], strict=True)])
         sensitivity = known.sensitivity + moved
         own = inverse[:, few, few]
         root = np.sqrt(noise) * np.linalg.cholesky(0.5 * (own + own.mT))
-        since = Told(root, np.concatenate([size[:, few, None], sensitivity], axis=2), known.before)
+        since = Solved(root, np.concatenate([size[:, few, None], sensitivity], axis=2), known.before)
         alike = np.array([errors.alike(each) if self._moved else 1.0 for each in before])
         covariance = errors.difference_covariance(known, since, alike[:, None, None])
         return LoadDifferences(before, size, np.sqrt(np.diagonal(covariance, axis1=1, axis2=2)))

@@ -1,4 +1,4 @@
-"""What a robot's motion told about its drives: rotor inertia, friction and torque offset of the legs' joints.
+"""What a robot's motion showed about its drives: rotor inertia, friction and torque offset of the legs' joints.
 
 These are model errors that weighing estimates together with the trunk (`stadera.trunk.joint_errors`); with the model's
 values they are the drives'. The next log may start from them: `--legs` takes the JSON of a weighing.
@@ -67,7 +67,7 @@ class Drives:
 
     @property
     def observed(self) -> Bools:
-        """(joints, 4), which terms the log told."""
+        """(joints, 4), which terms the log showed."""
         return np.asarray(self.std < _LEARNT * self.prior_std)
 
     def to_dict(self) -> dict[str, Any]:

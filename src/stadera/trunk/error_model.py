@@ -115,7 +115,7 @@ class ErrorLayout:
         """Errors that may change with the load: static friction, and moments of flat feet that no joint tells.
 
         On flat feet also the friction of joints that stop in each stance or slide so slowly that their direction is
-        not told. As one value under both loads it makes payloads of four simulated G1s that step up to 5.9 standard
+        unknown. As one value under both loads it makes payloads of four simulated G1s that step up to 5.9 standard
         deviations wrong, as `ModelErrors.renewed` has it 1.9. Quadrupeds' payloads are within their bars without it.
         """
         return ("stiction", *(("standstill",) if self.flat else ()), "unfelt", "limb_stiction")

@@ -36,7 +36,7 @@ from stadera.trunk.joint_errors import Errors
 from stadera.trunk.load import LoadChange, Payload
 from stadera.trunk.loads import Found, LoadChanges
 from stadera.trunk.measurement import Measurement
-from stadera.trunk.memory import Memory, MemorySettings, told_of
+from stadera.trunk.memory import Memory, MemorySettings, evidence_of
 from stadera.trunk.model import TrunkBounds, TrunkModel
 from stadera.trunk.outside import Correction, Knowledge, Reading, on_scale, with_test_weight
 from stadera.trunk.protocol import Status, TrunkEstimate
@@ -225,7 +225,7 @@ class TrunkEstimator:
         self._know(with_test_weight(self.robot, mass, centre, mass_std, com_std, self._history.tare))
 
     def recall(self, memory: Memory, days: float = np.nan, settings: MemorySettings | None = None) -> None:
-        """Uses what earlier logs of this robot told.
+        """Uses what earlier logs of this robot showed.
 
         Args:
             memory: see `stadera.trunk.memory`.
@@ -240,7 +240,7 @@ class TrunkEstimator:
             self._know(known)
 
     def remember(self, memory: Memory, days: float = np.nan, settings: MemorySettings | None = None) -> Memory:
-        """The memory with what this log told besides.
+        """The memory with what this log adds to it.
 
         Raises:
             IdentificationError: another robot or model, a bad fit, a log that the memory has already, or contradicts.
@@ -254,9 +254,9 @@ class TrunkEstimator:
         if outside is not None and max(outside.apart) > self.settings.apart:
             raise IdentificationError("a log that contradicts its scale or test weight is not remembered")
         found = (errors.mean, errors.covariance) if outside is None else outside.of_errors()
-        return memory.with_log(told_of(self.robot, model, errors.start, *found), days, settings, self._print)
+        return memory.with_log(evidence_of(self.robot, model, errors.start, *found), days, settings, self._print)
 
-    def told(self, memory: Memory, days: float = np.nan) -> tuple[Memory | None, str]:
+    def remembered(self, memory: Memory, days: float = np.nan) -> tuple[Memory | None, str]:
         """As `remember`, None where that raises an error, and what to say of it. A log that is in the memory already is
         weighed without it.
         """
@@ -346,12 +346,12 @@ class TrunkEstimator:
         return self._bars_with(with_test_weight(self.robot, mass, place, 0.005, 0.005, tare, again))
 
     def bars_remembered(self, logs: int) -> tuple[float, float]:
-        """The same if so many earlier logs had told as much as this one."""
+        """The same if so many earlier logs had shown as much as this one."""
         settings, model, errors = MemorySettings(), self._fit.model, self._fit.errors
-        told = told_of(self.robot, model, errors.start, 0.0 * errors.mean, errors.covariance)
+        evidence = evidence_of(self.robot, model, errors.start, 0.0 * errors.mean, errors.covariance)
         memory = Memory.none(self.robot)
         for log in range(logs):
-            memory = memory.with_log(told, np.nan, settings, log)
+            memory = memory.with_log(evidence, np.nan, settings, log)
         known = memory.faded(np.nan, settings).knowledge(model.layout, model.variance, settings)
         return (inf, inf) if known is None else self._bars_with(known)
 

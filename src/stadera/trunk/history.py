@@ -233,8 +233,8 @@ class History:
 
     def _with_limbs(self, rows: WeightedRows, errors: Array) -> WeightedRows:
         """The block with the limbs' rows averaged by a raised cosine over twice the blocks that share one error, in the
-        unit of their residuals; every so many blocks one, the others with none. What is usual, and what is not, is told
-        by those before the tare: since then a load may be where none is assumed yet.
+        unit of their residuals; every so many blocks one, the others with none. What is usual, and what is not, is
+        defined by those before the tare: since then a load may be where none is assumed yet.
 
         An arm moves slowly: its accelerations in a single block are noise, in the columns of a load and, times the
         arm's inertia, in the target, which makes the load too light. In the mean they cancel, but for those at its
@@ -312,7 +312,7 @@ class History:
         return 1.0 if rows.sliding >= settings.sliding or not known.moved else min(settings.held / rows.share, 1.0)
 
     def _kept(self, rows: WeightedRows, known: Segment) -> float:
-        """Weight of what a robot told that has only stood, once it moves."""
+        """Weight of what a robot showed that has only stood, once it moves."""
         settings = self._settings.outliers
         return settings.held if known.blocks and not known.moved and known.moves(rows) else 1.0
 

@@ -35,7 +35,7 @@ import numpy as np
 from scipy.linalg import lapack
 
 from stadera.trunk.error_model import QUIETEST, ErrorModel
-from stadera.trunk.placed import Told
+from stadera.trunk.placed import Solved
 from stadera.trunk.segment import RowSums, Segment
 from stadera.trunk.swing import SwingJoints, inverse_of, root_of
 from stadera.types import Array
@@ -185,7 +185,7 @@ class Errors:
         lasting = self.of_rows(segment, self.scatter) + K @ self.lasting @ K.T
         return np.asarray(lasting + changing @ self._changing @ changing.T)
 
-    def load_covariance(self, load: Told) -> Array:
+    def load_covariance(self, load: Solved) -> Array:
         """Covariance of a load elsewhere than on the trunk, (n, n). Errors that may change with it do not cancel."""
         K, changing = load.sensitivity, load.sensitivity[:, self.layout.changing_at]
         total = self.of_rows(load, self.scatter) + K @ self.lasting @ K.T
@@ -197,9 +197,11 @@ class Errors:
         """Correlation of the friction of joints at rest under these loads and under another [1]."""
         return self._alike if all(load.steps for load in loads) else 0.0
 
-    def difference_covariance(self, first: Segment | Told, second: Segment | Told, alike: float | Array = 0.0) -> Array:
+    def difference_covariance(
+        self, first: Segment | Solved, second: Segment | Solved, alike: float | Array = 0.0
+    ) -> Array:
         """Covariance of the second segment's trunk parameters minus the first's, (10, 10); of several of each at once,
-        `Told.stack`, (..., n, n).
+        `Solved.stack`, (..., n, n).
 
         Errors that act on both alike cancel. Static friction of joints at rest may change with the load, and may even
         hide the load.
@@ -217,7 +219,7 @@ class Errors:
             total += share * changing @ self._changing @ changing.mT
         return np.asarray(0.5 * (total + total.mT))
 
-    def of_rows(self, segment: Segment | Told, scatter: float = 0.0) -> Array:
+    def of_rows(self, segment: Segment | Solved, scatter: float = 0.0) -> Array:
         """Covariance (10, 10) of a segment's own errors: what parts of the log show (`stadera.trunk.batches`), and
         offsets that are others under another load.
 

@@ -1,7 +1,7 @@
-"""A robot's memory: what earlier logs told about its drives, sensors, links and the scale of its torques.
+"""A robot's memory: what earlier logs showed about its drives, sensors, links and the scale of its torques.
 
 Errors p of the robot's model are counted in their standard deviations before any log. A log that began with N(0, S) and
-ends with N(p̂, Σ) told
+ends with N(p̂, Σ) showed
 
     R p = z,      RᵀR = Σ⁻¹ - S⁻¹,      Rᵀz = Σ⁻¹ p̂
 
@@ -90,7 +90,7 @@ class MemorySettings:
 
 @dataclass(frozen=True, eq=False)
 class Memory:
-    """What earlier logs of one robot told.
+    """What earlier logs of one robot showed.
 
     Attributes:
         robot: its name. mass: of its model [kg]. model: digest of all that the errors are differences from, by which
@@ -156,11 +156,11 @@ class Memory:
         R, z = (np.asarray(np.linalg.solve(root, x), dtype=float) for x in (self.known.R, self.known.z))
         return replace(self, known=Information.empty(self.known.unknowns).add(R, z))
 
-    def with_log(self, told: Information, days: float, settings: MemorySettings, checksum: int) -> Memory:
-        """With what one more log told, after fading to its time.
+    def with_log(self, evidence: Information, days: float, settings: MemorySettings, checksum: int) -> Memory:
+        """With what one more log showed, after fading to its time.
 
         Args:
-            told: see `told_of`. checksum: of the log's samples.
+            evidence: see `evidence_of`. checksum: of the log's samples.
 
         Raises:
             IdentificationError: it is in the memory already, or contradicts it.
@@ -168,14 +168,14 @@ class Memory:
         if checksum in self.seen:
             raise IdentificationError("these samples are in the memory already")
         faded = self.faded(days, settings)
-        what, apart = faded.contradiction(told, settings)
+        what, apart = faded.contradiction(evidence, settings)
         if apart > settings.contradicted:
             raise IdentificationError(
                 f"this log contradicts the memory of {self.logs} log{'s' * (self.logs != 1)} in the {what}, by "
                 f"{apart:.1f} standard deviations: a part that was changed, or another robot; it is not remembered"
             )
         seen, days = (*self.seen, checksum), self.days if np.isnan(days) else days
-        return replace(faded, known=faded.known.merge(told), logs=self.logs + 1, days=days, seen=seen)
+        return replace(faded, known=faded.known.merge(evidence), logs=self.logs + 1, days=days, seen=seen)
 
     def after(self, learn: Callable[[], Memory]) -> tuple[Memory | None, str]:
         """The memory that `learn` returns, None where it raises IdentificationError, and what to say of it."""
@@ -207,9 +207,9 @@ class Memory:
         mean, variance = _posterior(self.known)
         return dict(zip(self.known.names, zip(mean.tolist(), np.sqrt(variance).tolist(), strict=True), strict=True))
 
-    def contradiction(self, told: Information, settings: MemorySettings) -> tuple[str, float]:
+    def contradiction(self, evidence: Information, settings: MemorySettings) -> tuple[str, float]:
         """The error in which a log is furthest from the memory, in words, and by how many standard deviations [1]."""
-        (mean, variance), (of_log, left) = _posterior(self.known), _posterior(told)
+        (mean, variance), (of_log, left) = _posterior(self.known), _posterior(evidence)
         kept = (1.0 / variance - 1.0 > settings.worth) & (left < 0.5)
         if not kept.any():
             return "", 0.0
@@ -277,8 +277,8 @@ def names_of(robot: Robot) -> tuple[str, ...]:
     return tuple(f"{kind}.{owner}" if owner else kind for kind in OF_ROBOT for owner in owners.get(kind, [""]))
 
 
-def told_of(robot: Robot, model: ErrorModel, start: Array, mean: Array, covariance: Array) -> Information:
-    """What a log told of the errors `OF_ROBOT`, in their prior standard deviations.
+def evidence_of(robot: Robot, model: ErrorModel, start: Array, mean: Array, covariance: Array) -> Information:
+    """What a log shows of the errors `OF_ROBOT`, in their prior standard deviations.
 
     Args:
         model: of the errors before any log.
@@ -292,13 +292,13 @@ def told_of(robot: Robot, model: ErrorModel, start: Array, mean: Array, covarian
     start[gain, gain] -= np.diag(start)[gain].mean() / layout.joints  # the gains' mean is zero
     own = covariance[np.ix_(at, at)] - np.outer(by_scale, covariance[at, scale])
     prior, own = (x / np.outer(std, std) + _ROUNDING * np.eye(len(at)) for x in (start[np.ix_(at, at)], own))
-    told = Information.of_posterior(names[:-1], (mean[at] - by_scale * mean[scale]) / std, own, prior)
+    evidence = Information.of_posterior(names[:-1], (mean[at] - by_scale * mean[scale]) / std, own, prior)
     known = max(model.variance[scale] / covariance[scale, scale] - 1.0, 0.0)
     row = np.zeros((1, len(names)))
     row[0, -1], z = np.sqrt(known), np.zeros(1)
     if known > _ROUNDING:
         z[0] = mean[scale] * np.sqrt(model.variance[scale] / known) / covariance[scale, scale]
-    return Information.empty(names).merge(told).add(row, z)
+    return Information.empty(names).merge(evidence).add(row, z)
 
 
 def _posterior(known: Information) -> tuple[Array, Array]:

@@ -53,7 +53,7 @@ class Held:
 
 
 @dataclass(frozen=True, eq=False)
-class Told:
+class Solved:
     """What rows tell of n unknowns.
 
     Attributes:
@@ -72,7 +72,7 @@ class Told:
         return self.solution[..., 1:]
 
     @classmethod
-    def stack(cls, known: Sequence[Told | Segment], few: slice) -> Told:
+    def stack(cls, known: Sequence[Solved | Segment], few: slice) -> Solved:
         """A few of the unknowns of W ones at once, (W, ...); no error changes."""
         inverse, solution = (np.array([getattr(each, name)[few] for each in known]) for name in ("inverse", "solution"))
         return cls(inverse, solution, np.empty((10, 0)))
@@ -81,13 +81,13 @@ class Told:
         """The unknowns (n,), given errors p̂ (errors,)."""
         return np.asarray(self.solution[:, 0] - self.sensitivity @ errors)
 
-    def part(self, begin: int, end: int) -> Told:
+    def part(self, begin: int, end: int) -> Solved:
         """Some of the unknowns."""
-        return Told(self.inverse[begin:end], self.solution[begin:end], self.before[begin:end])
+        return Solved(self.inverse[begin:end], self.solution[begin:end], self.before[begin:end])
 
-    def plus(self, other: Told) -> Told:
+    def plus(self, other: Solved) -> Solved:
         """The sums of as many unknowns."""
-        return Told(self.inverse + other.inverse, self.solution + other.solution, self.before + other.before)
+        return Solved(self.inverse + other.inverse, self.solution + other.solution, self.before + other.before)
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,20 +96,20 @@ class TrunkAndLoad:
 
     Attributes:
         trunk, load: each alone. whole: both together, mass by mass.
-        left: (..., 1 + errors), rows that are left; before: (..., changing), as of `Told`.
+        left: (..., 1 + errors), rows that are left; before: (..., changing), as of `Solved`.
         columns: places of the load's columns among those of all loads.
         root: (n, n), R_φ.
     """
 
-    trunk: Told
-    load: Told
+    trunk: Solved
+    load: Solved
     left: Array
     before: Array
     columns: Array
     root: Array
 
     @property
-    def whole(self) -> Told:
+    def whole(self) -> Solved:
         """All together."""
         out = self.trunk
         for begin in range(0, len(self.load.solution), 10):
@@ -117,7 +117,7 @@ class TrunkAndLoad:
         return out
 
 
-def told(since: Segment, held: Held, louder: float) -> TrunkAndLoad:
+def solve(since: Segment, held: Held, louder: float) -> TrunkAndLoad:
     """What the rows since a load came tell of it and of the trunk, together with those before.
 
     Args:
@@ -143,7 +143,7 @@ def told(since: Segment, held: Held, louder: float) -> TrunkAndLoad:
     triangle, left = folded(np.empty((0, rows.shape[1])), rows, 1.0, count)
     inverse = lapack.dtrtri(triangle[:, :count])[0]
     solved, width = inverse @ triangle[:, count:], 1 + layout.count
-    whole = Told(inverse, solved[:, :width], solved[:, width:])
+    whole = Solved(inverse, solved[:, :width], solved[:, width:])
     root = triangle[10:count, 10:count]
     return TrunkAndLoad(whole.part(0, 10), whole.part(10, count), left[:, :width], left[:, width:], columns, root)
 
@@ -167,9 +167,9 @@ def log_odds(
     then[:, shown.shape[1] :] = root[np.ix_(changing, changing)]
     base = since.beyond
     normal, along = here.T @ base[1:, 1:] @ here, here.T @ base[1:, 0]
-    found = [told(since, Held(at, before), since.louder) for at in places]
+    found = [solve(since, Held(at, before), since.louder) for at in places]
 
-    def judged(loud: float) -> list[tuple[float, float]]:
+    def evaluated(loud: float) -> list[tuple[float, float]]:
         """Of each place, min (E + σ² pᵀ Σ₀⁻¹ p) and ln |1 + Σ₀ G''ᵀ G''/σ²|: of the rows that all have in common, and
         what the place's own ones add to both, given those.
         """
@@ -189,12 +189,12 @@ def log_odds(
             out.append((float(base[0, 0] - half @ half + away @ away), spread))
         return out
 
-    least = min(energy for energy, _ in judged(repeats))
+    least = min(energy for energy, _ in evaluated(repeats))
     loud = repeats * max(least / max(since.count + since.limb_count, 1.0), QUIETEST)
     return np.array(
         [
             -0.5 * (energy / loud + spread + _determined(each.root, wide, loud))
-            for (energy, spread), each in zip(judged(loud), found, strict=True)
+            for (energy, spread), each in zip(evaluated(loud), found, strict=True)
         ]
     )
 

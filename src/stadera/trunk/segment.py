@@ -46,7 +46,7 @@ from stadera.body.rows import discounted
 from stadera.trunk.batches import Batches
 from stadera.trunk.block_rows import WeightedRows
 from stadera.trunk.error_model import ErrorLayout
-from stadera.trunk.placed import Held, Told, TrunkAndLoad, folded, told
+from stadera.trunk.placed import Held, Solved, TrunkAndLoad, folded, solve
 from stadera.types import Array
 
 _KINDS = 3  # of residues: of blocks at rest, of blocks in motion, and of limbs
@@ -234,31 +234,31 @@ class Segment:
     def _left(self, louder: float) -> Array:
         """(..., 1 + errors), rows of the triangle that are left."""
         if self.held is not None:
-            return self._load.left if self._load and louder == self.louder else told(self, self.held, louder).left
+            return self._load.left if self._load and louder == self.louder else solve(self, self.held, louder).left
         loads = len(self.below)
         return np.vstack([self.below[:, loads:], sqrt(louder) * self.limbs[:, loads:]])
 
     @cached_property
     def _load(self) -> TrunkAndLoad | None:
-        return None if self.held is None else told(self, self.held, self.louder)
+        return None if self.held is None else solve(self, self.held, self.louder)
 
     @property
-    def whole(self) -> Told | Segment:
+    def whole(self) -> Solved | Segment:
         """What is known of all that the robot carries and its trunk together."""
         return self if self._load is None else self._load.whole
 
     @property
-    def load(self) -> Told | None:
+    def load(self) -> Solved | None:
         """What is known of a load elsewhere than on the trunk."""
         return None if self._load is None else self._load.load
 
     @cached_property
-    def trunk(self) -> Told:
+    def trunk(self) -> Solved:
         """What is known of the trunk, without a load elsewhere."""
         if self._load is not None:
             return self._load.trunk
         inverse = lapack.dtrtri(self.triangle[:, :10])[0]
-        return Told(inverse, inverse @ self.triangle[:, 10 : 11 + self.layout.count], np.empty((10, 0)))
+        return Solved(inverse, inverse @ self.triangle[:, 10 : 11 + self.layout.count], np.empty((10, 0)))
 
     @property
     def inverse(self) -> Array:

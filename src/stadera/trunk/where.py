@@ -13,7 +13,7 @@ from stadera.robot.model import Robot
 from stadera.trunk.history import History
 from stadera.trunk.joint_errors import Errors
 from stadera.trunk.load import Payload, without_scale
-from stadera.trunk.placed import Blocks, Told, log_odds
+from stadera.trunk.placed import Blocks, Solved, log_odds
 
 _AS_MODELLED = 0.4
 """Deviation of the trunk before the load from the model's, as a share of the robot's mass, up to which places are
@@ -78,7 +78,7 @@ class Whereabouts:
         history.move(best)
         return True
 
-    def payload(self, load: Told, at: Blocks, errors: Errors, limit: float) -> Payload:
+    def payload(self, load: Solved, at: Blocks, errors: Errors, limit: float) -> Payload:
         """The load at a place, in the frame of its link; of one at two links, the mass.
 
         Args:

@@ -311,7 +311,7 @@ class _LogPass:
         memory, estimator = self._request.memory, self.estimator
         if memory is None or not isinstance(estimator, TrunkEstimator):
             return None, ""
-        return estimator.told(memory, days_of(self.log.begin))
+        return estimator.remembered(memory, days_of(self.log.begin))
 
     def _posture(self, first: Recording, mount: ImuMount) -> PostureLaw | None:
         """The trunk controller of the request, with the log's first orientation as its reference."""
