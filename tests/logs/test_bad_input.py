@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,8 @@ import pytest
 from stadera.errors import RecordingError
 from stadera.identify.legs import identify
 from stadera.identify.settings import IdentifySettings
-from stadera.logs import Imu, Preprocessing, Recording, preprocess, read, write_table
+from stadera.logs import Imu, Preprocessing, Recording, preprocess, read, stream, write_table
+from stadera.logs.summary import summarize
 from stadera.robot import load_robot
 
 
@@ -49,6 +51,13 @@ def test_too_few_samples_name_the_file() -> None:
     one = Recording(np.zeros(1), ("a",), np.zeros((1, 1)), source="short.csv")
     with pytest.raises(RecordingError, match=r"short\.csv: too few samples: 1"):
         preprocess(one, Preprocessing(10.0))
+
+
+def test_a_summary_of_one_sample_is_refused_without_a_warning(tmp_path: Path) -> None:
+    path = table(tmp_path / "log.csv", "time,a.position\n0,1\n")
+    with warnings.catch_warnings(), pytest.raises(RecordingError, match="too few samples: 1"):
+        warnings.simplefilter("error")
+        summarize(stream(path))
 
 
 def test_torques_that_are_all_zero_identify_nothing() -> None:

@@ -143,7 +143,7 @@ def reader_of(path: Path) -> Reader:
     accepted = "accepted: " + ", ".join(f"{reader.name} ({', '.join(reader.suffixes)})" for reader in READERS)
     require_input(path, folder=True, hint=f"; logs that come with stadera: {', '.join(EXAMPLES)}")
     with foreign(path, "cannot be read"):
-        if path.is_file() and not path.open("rb").read(1):
+        if path.is_file() and not path.stat().st_size:
             raise RecordingError(f"{path}: the file is empty; {accepted}")
         if refused := _refusal(path):
             raise RecordingError(f"{path}: {refused}")

@@ -32,7 +32,8 @@ def summarize(chunks: Iterable[Recording], most_gaps: int = 1000) -> LogSummary:
     """Summarises consecutive chunks of one log, as `stream` gives them; `most_gaps` are listed, all are counted."""
     chunks = iter(chunks)
     head = next(chunks)
-    period = float(np.median(np.diff(head.time[:HEAD])))
+    steps = np.diff(head.time[:HEAD])
+    period = float(np.median(steps)) if len(steps) else 0.0  # a stream of one sample ends with an error
     last = float(head.time[0]) - period
     extremes: dict[str, tuple[Array, Array]] = {}
     notes: dict[str, None] = {}
