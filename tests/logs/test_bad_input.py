@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from pathlib import Path
 
 import numpy as np
@@ -53,10 +52,10 @@ def test_too_few_samples_name_the_file() -> None:
         preprocess(one, Preprocessing(10.0))
 
 
+@pytest.mark.filterwarnings("error")
 def test_a_summary_of_one_sample_is_refused_without_a_warning(tmp_path: Path) -> None:
     path = table(tmp_path / "log.csv", "time,a.position\n0,1\n")
-    with warnings.catch_warnings(), pytest.raises(RecordingError, match="too few samples: 1"):
-        warnings.simplefilter("error")
+    with pytest.raises(RecordingError, match="too few samples: 1"):
         summarize(stream(path))
 
 
