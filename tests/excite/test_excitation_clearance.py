@@ -81,13 +81,15 @@ def test_other_legs_stand_in_the_nominal_stance(hyq: Robot) -> None:
 
 def test_links_of_one_leg_that_are_no_neighbours(hyq: Robot) -> None:
     hip = hyq.leg("RH").links[0]
-    robot = with_shapes(hyq, shape(hip, "sphere", (0.05,)))
+    aside = np.array([0.02, 0.1, 0.05])
+    robot = with_shapes(hyq, shape(hip, "sphere", (0.23,), tuple(aside)))
     folded = np.array([[0.0, -0.65, 2.4], [0.3, 0.1, 2.44]])
     rotations, translations = forward_kinematics(robot.leg_tree("RH"), folded)
     foot = translations[:, 3] + rotations[:, 3] @ np.array(robot.leg("RH").foot_position)
-    expected = np.linalg.norm(foot - translations[:, 1], axis=1) - 0.05 - robot.leg("RH").foot_radius
+    expected = np.linalg.norm(foot - translations[:, 1] - rotations[:, 1] @ aside, axis=1) - 0.23 - robot.leg("RH").foot_radius
     found = Clearance.of(robot, "RH", REST).distance(folded)
-    np.testing.assert_allclose(np.minimum(found, 0.1), np.minimum(expected, 0.1), atol=1e-6)
+    assert (expected < 0.1).all()
+    np.testing.assert_allclose(found, expected, atol=1e-6)
 
 
 def test_neighbours_are_not_looked_at(hyq: Robot) -> None:
@@ -117,6 +119,25 @@ def test_near_pairs_need_not_keep_more_than_they_have_at_rest(hyq: Robot) -> Non
     clearance = Clearance.of(robot, "RH", REST, margin=0.02)
     assert clearance.distance(REST[None])[0] == pytest.approx(0.003, abs=1e-6)
     assert clearance.slack(REST[None])[0] == pytest.approx(0.0, abs=1e-6)
+
+
+def test_poses_are_clear_where_no_slack_is_negative(hyq: Robot) -> None:
+    """With pairs that keep less than the margin at rest among them, above the ground and without."""
+    bounds = LegBounds.of(hyq, "RH")
+    poses = np.random.default_rng(6).uniform(bounds.lower, bounds.upper, (200, 3))
+    ball = foot_in_trunk(hyq, "RH", bounds.rest[None])[0] + np.array([0.14, 0.0, 0.02])
+    beside = with_shapes(hyq, shape(hyq.trunk, "sphere", (0.1,), tuple(ball)))
+    for clearance in (
+        bounds.clearance,
+        Clearance.of(beside, "RH", bounds.rest, margin=0.02),
+        Clearance.of(hyq, "RH", bounds.rest, margin=0.08),
+        Clearance.of(hyq, "RH", bounds.rest, margin=0.01, ground=-0.75),
+    ):
+        slack = clearance.slack(poses)
+        assert (np.array([clearance.clear(pose[None]) for pose in poses]) == (slack >= 0.0)).all()
+        assert 0.02 < np.mean(slack >= 0.0) < 0.98
+        assert clearance.clear(poses[slack >= 0.0])
+        assert not clearance.clear(poses)
 
 
 @pytest.mark.parametrize("kind", ["sphere", "capsule", "cylinder", "box"])
