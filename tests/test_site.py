@@ -87,12 +87,15 @@ def opened(address: str, *flags: str) -> str:
 
 
 def _pages_fit(site: Path, *, dark: bool) -> None:
-    """Nothing but a table or code is wider than any page, at a desk and on a phone, and ink stands out from paper."""
+    """Nothing but a table or code is wider than any page, at a desk and on a phone, and ink stands out from paper.
+
+    Colours move nothing: dark pages are opened at one width.
+    """
     names = [page.relative_to(site).as_posix() for page in sorted(site.rglob("*.html")) if page.name != "404.html"]
     frames = "".join(
         f'<iframe id="{name}-{width}" src="{name}" style="width:{width}px;height:{SCREEN}px"></iframe>'
         for name in names
-        for width in (DESK, PHONE)
+        for width in ((PHONE,) if dark else (DESK, PHONE))
     )
     script = """<script>addEventListener("load", () => setTimeout(() => {
       document.title = [...document.querySelectorAll("iframe")].filter((frame) => {

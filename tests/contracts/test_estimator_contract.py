@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from copy import deepcopy
 from dataclasses import dataclass, replace
 from functools import cache
 
@@ -16,10 +17,11 @@ from stadera.lab.baselines import ALL_METHODS
 from stadera.lab.laws.orientation import PostureLaw
 from stadera.lab.laws.poses import WIDE_FOOT, WIDE_TORQUE
 from stadera.lab.laws.static_poses import PoseOffset, standing_still, static_poses
-from stadera.robot import load_robot
+from stadera.robot import Robot, load_robot
 from stadera.robot.kinematics import foot_positions
 from stadera.robot.stance import standing_configuration
 from stadera.trunk import Estimator, Measurement, Status, TrunkBounds, TrunkEstimate, TrunkModel
+from stadera.trunk.error_model import ErrorLayout
 from stadera.trunk.protocol import Weigher
 from stadera.trunk.registry import Setup, make_estimator
 from standing import GRAVITY, StandingRobot
@@ -148,7 +150,7 @@ def test_keeps_all_of_the_protocol(method: str) -> None:
 
 
 def test_finds_the_known_centre_of_mass(method: str) -> None:
-    estimate = fed(method)
+    estimate = fed(method, dt=2.0 * DT)
     assert estimate.status is Status.CONVERGED
     assert np.linalg.norm((estimate.trunk.com_trunk - TRUTH.trunk_com)[:2]) < 2e-4
     assert estimate.trunk.mass == pytest.approx(TRUTH.trunk_mass, rel=2e-3)
@@ -208,16 +210,26 @@ AT_REST = ("orientation", "feet", "moving", "turning", "pushed", "saturated", "a
 """What speaks against rest, or is no measurement of theirs."""
 
 
+@cache
+def after_a_second(method: str) -> tuple[Measurement, Weigher]:
+    """The last sample, and what is learnt by then."""
+    estimator = made(method)
+    for m in stream(method, estimator, poses=(LEVEL,), seconds=1.0):
+        estimator.update(m)
+    return m, estimator
+
+
 @pytest.mark.parametrize("what", BAD)
-def test_refuses_with_a_reason_keeps_the_last_good_estimate_and_goes_on(method: str, what: str) -> None:
+def test_refuses_with_a_reason_keeps_the_last_good_estimate_and_goes_on(
+    method: str, what: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     spoil, words = BAD[what]
     if method in ON_THE_MOVE and what.startswith(AT_REST):
         pytest.skip(f"{method} does not ask for rest")
-    estimator = made(method)
-    samples = stream(method, estimator, poses=(LEVEL,), seconds=2.0)
-    for _ in range(50):
-        m = next(samples)
-        estimator.update(m)
+    m, known = after_a_second(method)
+    for fixed in (Robot, ErrorLayout):  # which never change
+        monkeypatch.setattr(fixed, "__deepcopy__", lambda it, _: it, raising=False)
+    estimator = deepcopy(known)
     before = estimator.estimate()
     assert before.status in (Status.MOVING, Status.CONVERGED)
     estimator.update(spoil(replace(m, time=m.time + 1.5 * DT)))
@@ -225,7 +237,7 @@ def test_refuses_with_a_reason_keeps_the_last_good_estimate_and_goes_on(method: 
     assert refused.status is Status.REFUSED
     assert words in refused.reason
     same(before, refused)
-    for m in samples:
+    for m in stream(method, estimator, poses=(LEVEL,), seconds=1.0, start=1.0):
         estimator.update(m)
     after = estimator.estimate()
     assert after.status in (Status.MOVING, Status.CONVERGED)
@@ -253,8 +265,8 @@ def test_an_estimate_that_runs_away_is_named(method: str) -> None:
     hollow, estimator, time = StandingRobot(ROBOT, -0.95 * trunk.mass, (x, y, z)), made(method), 0.0
     for pose in poses_of(method):
         there = hollow.measurement(0.0, at_pose(pose).joint_position, at_pose(pose).rotation)
-        for _ in range(round(10.0 / DT / len(poses_of(method)))):
-            time += DT
+        for _ in range(round(5.0 / DT / len(poses_of(method)))):
+            time += 2.0 * DT
             estimator.update(replace(there, time=time))
     estimate = estimator.estimate()
     assert estimate.status is Status.REFUSED

@@ -86,7 +86,9 @@ def test_links_of_one_leg_that_are_no_neighbours(hyq: Robot) -> None:
     folded = np.array([[0.0, -0.65, 2.4], [0.3, 0.1, 2.44]])
     rotations, translations = forward_kinematics(robot.leg_tree("RH"), folded)
     foot = translations[:, 3] + rotations[:, 3] @ np.array(robot.leg("RH").foot_position)
-    expected = np.linalg.norm(foot - translations[:, 1] - rotations[:, 1] @ aside, axis=1) - 0.23 - robot.leg("RH").foot_radius
+    expected = (
+        np.linalg.norm(foot - translations[:, 1] - rotations[:, 1] @ aside, axis=1) - 0.23 - robot.leg("RH").foot_radius
+    )
     found = Clearance.of(robot, "RH", REST).distance(folded)
     assert (expected < 0.1).all()
     np.testing.assert_allclose(found, expected, atol=1e-6)

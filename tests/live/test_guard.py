@@ -32,10 +32,10 @@ def in_other_imu_units(log: Recording, gyro: float = 1.0, force: float = 1.0) ->
 
 
 def passed(session: LiveSession, log: Recording, until: float = np.inf) -> Recording:
-    """Adds a log's samples in pieces of 20 ms, up to a time; returns the rest."""
+    """Adds a log's samples in pieces of 0.1 s, up to a time; returns the rest."""
     end = int(np.searchsorted(log.time, until))
-    for start in range(0, end, 5):
-        session.add(take(log, slice(start, min(start + 5, end))), 0.0)
+    for start in range(0, end, 25):
+        session.add(take(log, slice(start, min(start + 25, end))), 0.0)
     return take(log, slice(end, len(log)))
 
 

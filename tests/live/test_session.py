@@ -195,9 +195,7 @@ def test_two_publishers_with_half_the_joints_each_in_another_order(robot: Robot,
     goes_on(LiveSession(robot), arrivals(sorted(sent, key=lambda m: m.received)), 2.0)
 
 
-def test_joints_change_their_order(
-    robot: Robot, walk: Recording, unloaded: list[Arrival], plain: LiveState
-) -> None:
+def test_joints_change_their_order(robot: Robot, walk: Recording, unloaded: list[Arrival], plain: LiveState) -> None:
     order = np.random.default_rng(1).permutation(12)
     names = [walk.joints[j] for j in order]
     turned = [
@@ -256,9 +254,7 @@ def test_too_slow(robot: Robot, walk: Recording, unloaded: list[Arrival]) -> Non
 
 
 @pytest.mark.parametrize("offset", [0.001, -30.0])
-def test_a_second_publisher_is_left_out(
-    robot: Robot, unloaded: list[Arrival], plain: LiveState, offset: float
-) -> None:
+def test_a_second_publisher_is_left_out(robot: Robot, unloaded: list[Arrival], plain: LiveState, offset: float) -> None:
     """Of the same topics, on the same clock or on another one, and known by its attachments."""
     own = [m._replace(sent=Attached(k // 2, m.received, b"a" * 16)) for k, m in enumerate(unloaded)]
     other = [_shifted(m, offset)._replace(sent=Attached(k // 2, m.received, b"b" * 16)) for k, m in enumerate(unloaded)]

@@ -217,7 +217,7 @@ def test_clocks_of_two_topics_that_are_apart_are_set_by_the_recorders(tmp_path: 
     assert any("clock of /imu/data is up to +100 s behind that of /joint_states" in note for note in log.notes)
 
 
-@pytest.mark.parametrize("batch", [4096, 7])
+@pytest.mark.parametrize("batch", [4096, 20])
 def test_a_clock_that_drifts_follows_that_of_the_joints(batch: int) -> None:
     """By 0.3 ms a second, 14 ms in all, messages up to 8 ms late; in batches as of bags, and some at a time."""
     rng = np.random.default_rng(0)
@@ -460,7 +460,7 @@ def test_memory_does_not_grow_with_the_log(silent: bool) -> None:
     reference, other = Track("joints", ("a",)), Track("imu", ("b",))
     alignment = Alignment([reference, other])
     rows = 0
-    for start in range(0, 200_000, 4000):
+    for start in range(0, 80_000, 4000):
         for k in range(start, start + 4000):
             add(reference, k * 1_000_000, np.zeros(1))
             if not (silent and k > 10_000):
@@ -469,7 +469,7 @@ def test_memory_does_not_grow_with_the_log(silent: bool) -> None:
         rows += len(stamps)
         assert len(reference.stamps) <= (1000 * BagSettings().patience if silent else 4000)
         assert len(other.stamps) <= 4001
-    assert rows >= 200_000 - len(reference.stamps)
+    assert rows >= 80_000 - len(reference.stamps)
 
 
 def test_chunks_are_the_whole_for_streams_not_taken_together(tmp_path: Path) -> None:

@@ -13,6 +13,7 @@ import pytest
 from stadera.lab.experiments import reality
 from stadera.lab.experiments.reality import LEGS, OURS, SHARES, RealityCase, cases, summary, weigh_real
 from stadera.lab.experiments.runner import ReproduceSettings
+from stadera.lab.scenarios import run
 
 CASE = RealityCase("go2", "trot", 0.10, "real-unit-gain", 0)
 
@@ -81,6 +82,7 @@ def test_a_fall_is_counted_and_weighs_nothing() -> None:
 
 def test_a_run_is_weighed_from_its_log_by_every_method(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(reality, "HOW", replace(reality.HOW, loaded_at=1.5, duration=3.0))
+    monkeypatch.setattr(run, "DEFAULTS", replace(run.DEFAULTS, swing=10.0))
     first = weigh_real(RealityCase("go2", "shake", 0.10, "real-unit-gain", 0), tmp_path)
     assert first["fell"] is None
     assert set(first["methods"]) == {OURS, LEGS, "ls", "rls", "kalman"}

@@ -31,7 +31,9 @@ def rolling_and_pitching(seconds: float) -> Recording:
 
 def test_what_stands_in_between_is_not_weighed_by_its_friction() -> None:
     robot, motion = load_robot("go2"), rolling_and_pitching(4.0)
-    how = SimulateSettings("real-unit-gain", Load(LOAD, "kg", (0.05, 0.0, 0.1)), duration=11.0, seed=3, rate=500.0)
+    how = SimulateSettings(
+        "real-unit-gain", Load(LOAD, "kg", (0.05, 0.0, 0.1)), duration=11.0, seed=3, rate=500.0, hold=2
+    )
     run = simulate(robot, "motion", replace(how, motion=motion))
     samples, truth = Samples.of_recording(run.recording, robot), run.truth.moments[-1]
 

@@ -25,6 +25,7 @@ import pinocchio as pin
 from stadera.constants import GRAVITY
 from stadera.lab.control.arms import Arms
 from stadera.lab.control.distribution import ContactLimits, ForceDistribution
+from stadera.lab.control.legs import cross
 from stadera.lab.control.reference import ControlError, Follower, Move, TrunkPose
 from stadera.lab.control.trunk import TrunkGains
 from stadera.lab.pinocchio import pinocchio_model
@@ -36,6 +37,7 @@ from stadera.types import Array, Bools
 
 _LEVEL = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 _UP = np.array([0.0, 0.0, 1.0])
+_TURNS = (np.array([1, 2, 0]), np.array([2, 0, 1]))  # of a moment's components yz, zx, xy
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,7 +115,8 @@ class WholeBody(Follower):
         needed = np.array(pin.rnea(model, data, q, v, self._accelerations(seen, m, q, v)))
         forces, arms = self._forces(seen, needed)
         for jacobian, own, share in zip(seen.jacobians, arms, forces, strict=True):
-            wrench = np.concatenate([share.sum(axis=0), np.cross(own, share).sum(axis=0)])
+            moment = own.T @ share
+            wrench = np.concatenate([share.sum(axis=0), (moment - moment.T)[_TURNS]])  # Σ rᵢ x fᵢ
             needed -= jacobian.T @ wrench[: len(jacobian)]
         torque = needed[6:] + self._friction(seen)
         if not np.isfinite(torque).all():
@@ -155,7 +158,7 @@ class WholeBody(Follower):
         k, d = self._stiffness, self._damping
         pull = k[0] * (goal.position - self.position) + d[0] * (goal.velocity - seen.velocity) + goal.acceleration
         to_goal = R.T @ goal.rotation
-        a[:3] = R.T @ pull - np.cross(omega, v[:3])
+        a[:3] = R.T @ pull - cross(omega, v[:3])
         a[3:6] = k[1] * pin.log3(to_goal) + d[1] * (to_goal @ goal.angular_velocity - omega)
         first = self.arms.first
         a[6 + first :] = self.arms.accelerations(self.time, m.joint_position[first:], m.joint_velocity[first:])
@@ -194,5 +197,5 @@ class WholeBody(Follower):
         ]
         levers = np.concatenate([own + place - seen.com for own, place in zip(arms, seen.feet, strict=True)])
         force, moment = seen.rotation @ needed[:3], seen.rotation @ needed[3:6]
-        forces = self._sharing.solve(levers, force, moment - np.cross(seen.com, force))
+        forces = self._sharing.solve(levers, force, moment - cross(seen.com, force))
         return np.split(forces, np.cumsum([len(own) for own in arms])[:-1]), arms
