@@ -120,9 +120,19 @@ def test_commands_in_sentences_are_code_and_escaped() -> None:
 
 # -- in a browser -----------------------------------------------------------------------------------------------------
 @pytest.fixture(scope="module")
-def measured(pages, tmp_path_factory: pytest.TempPathFactory) -> dict[str, dict[str, Any]]:
-    """By page and width, what a browser makes of it."""
-    return measure(pages, tmp_path_factory.mktemp("pages"))
+def measured(pages, weighed, tmp_path_factory: pytest.TempPathFactory) -> dict[str, dict[str, Any]]:
+    """By page and width, what a browser makes of it; `unix` is the weighing with times of a computer's clock."""
+    late = replace(weighed.since_beginning(), begin=1.76e9, end=weighed.end - weighed.begin + 1.76e9)
+    line, changes = late.timeline, late.changes
+    late = replace(
+        late,
+        time=late.time + 1.76e9,
+        timeline=replace(line, time=line.time + 1.76e9),
+        changes=tuple(replace(c, time=c.time + 1.76e9, noticed=c.noticed + 1.76e9) for c in changes),
+        refusals=(),
+    )
+    assert "1.76" not in repr(late)
+    return measure({**pages, "unix": late.to_html()}, tmp_path_factory.mktemp("pages"))
 
 
 @needs_browser
@@ -167,24 +177,13 @@ def test_figures_are_drawn(pages, measured) -> None:
             assert measured[f"{name}-{width}"]["plots"] >= page.count('class="plot"')
 
 
-# -- as PDF -----------------------------------------------------------------------------------------------------------
 @needs_browser
-def test_curves_of_a_log_with_unix_time_are_as_wide_as_those_from_zero(weighed, tmp_path: Path) -> None:
+def test_curves_of_a_log_with_unix_time_are_as_wide_as_those_from_zero(measured) -> None:
     """Drawn in 32 bits, in which 1.76e9 s is good to two minutes."""
-    late = replace(weighed.since_beginning(), begin=1.76e9, end=weighed.end - weighed.begin + 1.76e9)
-    line, changes = late.timeline, late.changes
-    late = replace(
-        late,
-        time=late.time + 1.76e9,
-        timeline=replace(line, time=line.time + 1.76e9),
-        changes=tuple(replace(c, time=c.time + 1.76e9, noticed=c.noticed + 1.76e9) for c in changes),
-        refusals=(),
-    )
-    assert "1.76" not in repr(late)
-    found = measure({"unix": late.to_html()}, tmp_path)[f"unix-{DESK}"]
-    assert found["curve"] > 0.5
+    assert measured[f"unix-{DESK}"]["curve"] > 0.5
 
 
+# -- as PDF -----------------------------------------------------------------------------------------------------------
 @needs_browser
 def test_a_report_is_printed(pages, tmp_path: Path) -> None:
     pdf.write_pdf(pages["excite"], tmp_path / "r.pdf")
