@@ -25,19 +25,25 @@ settings.load_profile("fixed")
 
 
 LONG = (
-    "trunk/test_any_robot.py",
-    "contracts/test_estimator_contract.py",
+    "test_site.py",
+    "lab/experiments/test_humanoids.py",
     "test_paths.py",
-    "trunk/test_estimator.py",
+    "trunk/test_any_robot.py",
     "checks/test_torque_order.py",
-    "trunk/test_robot_memory.py",
-    "test_docs.py",
+    "live/test_session.py",
+    "contracts/test_estimator_contract.py",
+    "live/test_zenoh.py",
+    "identify/test_legs.py",
+    "test_notebooks.py",
+    "logs/test_bag_readers.py",
+    "lab/control/test_stand.py",
+    "trunk/test_estimator.py",
     "lab/demo/test_demo.py",
-    "fleet/test_fleet_table.py",
-    "lab/control/test_crawl.py",
-    "weigh/test_without_imu.py",
+    "trunk/test_fit.py",
     "lab/supervise/test_supervisor.py",
-    "lab/experiments/test_standing.py",
+    "weigh/test_next_steps.py",
+    "lab/control/test_whole_body.py",
+    "cli/test_weigh.py",
 )
 """Files that take longest, from `pytest --durations`: they begin first, so that no process waits for one at the end."""
 

@@ -56,6 +56,7 @@ def weighed(size: float, tare: bool = True) -> TrunkEstimator:
     return estimator
 
 
+@cache
 def steps_of(estimator: TrunkEstimator, limits: UseLimits | None = None) -> tuple[NextStep, ...]:
     known = steps_known(GO2, estimator, limits)
     return next_steps(GO2, estimator.trunk, estimator.payload, known, limits)
