@@ -8,7 +8,9 @@ from functools import cache
 import numpy as np
 import pytest
 
-from stadera.checks import diagnose
+from stadera.checks import CheckLimits, diagnose
+from stadera.checks.instants import Instants
+from stadera.checks.signals import velocity_findings
 from stadera.checks.windows import window_faults
 from stadera.lab.scenarios.catalog import SimulateSettings
 from stadera.lab.scenarios.run import simulate
@@ -29,6 +31,19 @@ def test_the_gyro_of_a_robot_at_rest_is_not_turned(seed: int) -> None:
     robot = load_robot("a1")
     log = simulate(robot, "stand", SimulateSettings("real", duration=4.0, seed=seed, hold=2)).recording
     assert diagnose(log, robot) == ()
+
+
+@pytest.mark.parametrize("rate", [25.0, 35.0])
+def test_velocities_of_joints_that_shake_are_those_of_their_positions(rate: float) -> None:
+    """Over an instant of 40 ms the mean velocity of such a joint is not the slope of its position."""
+    log = swaying("hyq", 3)
+    assert log.velocity is not None
+    angle, speed = 2.0 * np.pi * rate * log.time[:, None], 6.0  # [rad/s]
+    position = log.position + speed / (2.0 * np.pi * rate) * np.sin(angle)
+    blocks = Instants.of(
+        replace(log, position=position, velocity=log.velocity + speed * np.cos(angle)), log.joints, None, CheckLimits()
+    )
+    assert tuple(velocity_findings(blocks, CheckLimits())) == ()
 
 
 @pytest.mark.parametrize(("seconds", "accused"), [(1.0, False), (3.0, True)])

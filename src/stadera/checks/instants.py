@@ -31,7 +31,9 @@ class Instants:
     position: Array
     rate: Array  # (instants, n) [rad/s], slopes of the positions; NaN where an instant has too few samples
     effort: Array
-    velocity: Array | None = None  # (instants, n) [rad/s], means of the recorded velocities; None if there are none
+    # (instants, n) [rad/s], slopes of ∫ q̇ dt of the recorded velocities, which equal `rate` however fast a joint shakes
+    # within an instant; None if there are none
+    velocity: Array | None = None
     # specific_force, angular_velocity: (instants, 3) [m/s², rad/s], trunk axes, means; None without an IMU
     specific_force: Array | None = None
     angular_velocity: Array | None = None
@@ -59,7 +61,11 @@ class Instants:
 
         def slope(values: Array) -> Array:
             with np.errstate(invalid="ignore", divide="ignore"):
-                return np.asarray((centred * cut(values)).sum(axis=1) / (centred**2).sum(axis=1))
+                return np.asarray((centred * values).sum(axis=1) / (centred**2).sum(axis=1))
+
+        def way(velocity: Array) -> Array:
+            steps = 0.5 * (velocity[:, 1:] + velocity[:, :-1]) * np.diff(time, axis=1)[..., None]
+            return np.concatenate([np.zeros_like(velocity[:, :1]), np.cumsum(steps, axis=1)], axis=1)
 
         imu, time = recording.imu, cut(recording.time)
         whole = np.ptp(time, axis=1) < limits.whole * n * period
@@ -75,9 +81,9 @@ class Instants:
             time=time.mean(axis=1),
             group=_groups(time.mean(axis=1), n * period, limits),
             position=mean(recording.position[:, chosen]),
-            rate=slope(recording.position[:, chosen]),
+            rate=slope(cut(recording.position[:, chosen])),
             effort=mean(effort[:, chosen]),
-            velocity=None if recording.velocity is None else mean(recording.velocity[:, chosen]),
+            velocity=None if recording.velocity is None else slope(way(cut(recording.velocity[:, chosen]))),
             **{name: values @ turn for name, values in vectors.items()},
             lever=np.zeros(3) if mount is None else mount.translation,
         )
