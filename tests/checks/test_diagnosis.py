@@ -177,6 +177,17 @@ def _legs(robot: Robot, *names: str) -> tuple[str, ...]:
     return tuple(joint for name in names for joint in robot.leg(name).joints)
 
 
+@pytest.mark.parametrize("axes", ["(-x, y, -z)", "(-y, -x, -z)"])
+def test_an_imu_upside_down_on_a_trot_is_turned_about_the_right_axis(axes: str) -> None:
+    """On average a trunk that trots level tells the vertical only; its motion tells the axis."""
+    robot = load_robot("go2")
+    log = simulate(robot, "trot", SimulateSettings("standard", duration=4.0, seed=1, hold=2)).recording
+    turn = {"(-x, y, -z)": np.diag([-1, 1, -1]), "(-y, -x, -z)": np.array([[0, -1, 0], [-1, 0, 0], [0, 0, -1]])}[axes]
+    (found,) = diagnose(turned(log, Rotation.from_matrix(turn)), robot)
+    assert f"its axes {axes} are what is taken for" in found.message
+    assert found.mend is not None
+
+
 WRONG: dict[str, tuple[str, str, Callable[[Recording, Robot], Recording]]] = {
     "all torques": ("torque_signs", "signs of all torques", lambda log, r: flipped(log, log.joints)),
     "left legs": ("torque_signs", "torques of LF and LH", lambda log, r: flipped(log, _legs(r, "LF", "LH"))),
@@ -311,13 +322,17 @@ def test_gaps_in_time(hyq: Robot, clean: Recording) -> None:
 def test_a_sensor_that_stands_still(hyq: Robot, clean: Recording, channel: str, value: float | None) -> None:
     values = getattr(clean, channel).copy()
     values[100:110, 4] = values[99, 4] if value is None else value
-    found = diagnose(replace(clean, **{channel: values}), hyq)
+    moving = clean.velocity.copy()
+    moving[100:110, 4] += 0.5
+    found = diagnose(replace(clean, **{"velocity": moving, channel: values}), hyq)
     assert [f.cause for f in found] == ["stuck"]
     assert f"{clean.joints[4]}.{channel}" in found[0].message
 
 
 def test_a_joint_that_rests_is_no_sensor_that_stands_still(hyq: Robot, clean: Recording) -> None:
-    """Its drive reports a velocity of exactly zero; if its position moves meanwhile, the velocity is dead."""
+    """Its drive reports a velocity of exactly zero; if its position moves meanwhile, the velocity is dead. Or friction
+    holds it within a step of its encoder, while the noise of its velocity goes on.
+    """
     rng = np.random.default_rng(1)
     velocity = 1e-3 * rng.standard_normal(clean.position.shape)
     position, later = clean.position.copy(), clean.time > clean.time.mean()
@@ -326,6 +341,9 @@ def test_a_joint_that_rests_is_no_sensor_that_stands_still(hyq: Robot, clean: Re
     position[later, 3] += 0.02 * np.sin(3.0 * clean.time[later])
     found = diagnose(replace(clean, position=position, velocity=velocity), hyq)
     assert any(f.cause == "stuck" and f"'{clean.joints[3]}.velocity' stands still" in f.message for f in found)
+    held = clean.position.copy()
+    held[100:200, 3] = held[99, 3]
+    assert diagnose(replace(clean, position=held), hyq) == ()
 
 
 def test_torques_that_are_zero_throughout(hyq: Robot, clean: Recording) -> None:

@@ -111,26 +111,25 @@ def _named(hypotheses: Sequence[Hypothesis], evidence: str, mount: ImuMount | No
 
 
 def explained(footing: Footing) -> list[tuple[Hypothesis, Consistency]]:
-    """The hypothesis that explains what is impossible on average, at most two others that explain it about as well, in
-    motion too, and the figures without each fault; none if none does.
+    """The hypothesis that explains what is impossible on average, at most two others that explain it about as well, and
+    the figures without each fault, none of which another one beats in motion; none if none does.
     """
     robot, limits = footing.robot, footing.limits
     footing = replace(footing, blocks=footing.blocks.thinned(limits.trial_instants, limits))
     now = Consistency.of(footing)
     scales = torque_scales(robot, now.loads / footing.weight, limits.lightest, limits.heaviest)
     all_of_them = chain(hypotheses_at_rest(robot, limits.orders, imu=footing.blocks.specific_force is not None), scales)
-    tried = ((one, Consistency.of(footing.after(one.undo))) for one in all_of_them)
-    fitting = [(one, fit) for one, fit in tried if fit.cost <= limits.much_better * now.cost and not fit.faults]
-    if not fitting:
+    logs = ((one, footing.after(one.undo)) for one in all_of_them)
+    tried = ((one, Consistency.of(without), without) for one, without in logs)
+    fits = [entry for entry in tried if entry[1].cost <= limits.much_better * now.cost and not entry[1].faults]
+    if not fits:
         return []
+    moves = min((without for *_, without in fits), key=lambda log: np.nansum(log.sliding) + np.nansum(log.unbalance))
+    fitting = [(one, fit) for one, fit, log in fits if not Gain.of(log, moves).confirms(footing.least_gain, limits)]
     least = min(fit.cost for _, fit in fitting)
     best = next(entry for entry in fitting if entry[1].cost <= least + limits.same)
     near = sorted((entry for entry in fitting if entry is not best), key=lambda entry: entry[1].cost)
-    near = [best, *[entry for entry in near if entry[1].cost < least + limits.similar][:2]]
-    if len(near) == 1:
-        return near
-    left = [float(np.nan_to_num(footing.after(one.undo).unbalance).mean()) for one, _ in near]
-    return [entry for entry, cost in zip(near, left, strict=True) if cost < min(left) + limits.gain_at_rest]
+    return [best, *[entry for entry in near if entry[1].cost < least + limits.similar][:2]]
 
 
 def explained_by_motion(footing: Footing) -> list[tuple[Hypothesis, Gain, Footing]]:
@@ -142,7 +141,7 @@ def explained_by_motion(footing: Footing) -> list[tuple[Hypothesis, Gain, Footin
         return []
     most = float(np.nansum(footing.sliding) + np.nansum(footing.unbalance))
     used = np.count_nonzero(np.isfinite(footing.unbalance))
-    least = limits.gain if footing.lively > limits.lively_share else limits.gain_at_rest
+    least = footing.least_gain
     if most < least * used:  # nothing is left to gain
         return []
     fitting = []
@@ -231,7 +230,7 @@ def _of_torques(footing: Footing, mount: ImuMount | None) -> Iterator[Finding]:
         yield _named([swapped[0]], f"{text}{pushed}", mount)
     elif step is not None:
         yield step[0]
-    else:
+    elif footing.lively <= footing.limits.lively_share:
         for push in pushing_at_rest(footing):
             yield Finding("pushing", f"{push}; let the robot sway to decide it")
 

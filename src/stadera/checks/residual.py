@@ -140,20 +140,22 @@ class Footing:
 
     @cached_property
     def moving(self) -> Bools:
-        """Instants in which the robot moves, (instants,), of a log with an IMU."""
+        """Instants in which the robot moves, (instants,); none without an IMU."""
         limits, length, omega = self.limits, self.robot.leg_length, self.blocks.angular_velocity
-        assert omega is not None
+        if omega is None:
+            return np.zeros(len(self.blocks), dtype=bool)
         feet = (np.nan_to_num(self.speed) ** 2).sum(axis=2).mean(axis=1)
         least = limits.lively_motion * limits.slide * length
         return np.asarray(feet + length**2 * (omega**2).sum(axis=1) > least**2)
 
     @cached_property
     def spread(self) -> Array:
-        """Variance of the loaded feet's velocities in the world, (instants,) [m²/s²], of a log with an IMU; NaN for
-        instants that are not used.
+        """Variance of the loaded feet's velocities in the world, (instants,) [m²/s²]; NaN for instants that are not
+        used, all without an IMU.
         """
         omega, load = self.blocks.angular_velocity, np.clip(self.load - self.limits.carries, 0.0, 1.0)
-        assert omega is not None
+        if omega is None:
+            return np.full(len(load), np.nan)
         enough = (load > 0).sum(axis=1) >= 2
         weight = (load / np.where(enough, load.sum(axis=1), 1.0)[:, None])[..., None]
         velocity = np.nan_to_num(self.speed) + np.cross(omega[:, None], self.contact)
@@ -164,7 +166,7 @@ class Footing:
 
     @cached_property
     def sliding(self) -> Array:
-        """Cost of feet that slide, (instants,), of a log with an IMU; NaN for instants that are not used."""
+        """Cost of feet that slide, (instants,); NaN for instants that are not used."""
         return np.log1p(self.spread / (self.limits.slide * self.robot.leg_length) ** 2)
 
     @cached_property
@@ -213,6 +215,11 @@ class Footing:
     def lively(self) -> float:
         """Share of instants in which the robot moves."""
         return float(self.moving.mean()) if len(self.blocks) else 0.0
+
+    @property
+    def least_gain(self) -> float:
+        """Decrease of an instant's cost that confirms a hypothesis: at rest static friction counts."""
+        return self.limits.gain if self.lively > self.limits.lively_share else self.limits.gain_at_rest
 
     @property
     def slides(self) -> float:
