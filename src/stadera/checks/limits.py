@@ -46,7 +46,9 @@ class CheckLimits:
     close: float = radians(15.0)
     far: float = radians(25.0)
     stuck: float = 0.05  # time for which a value may repeat bit for bit in a signal that does not repeat elsewhere [s]
-    rests: float = 0.005  # change of a joint's position [rad] below which a velocity or gyro of exactly zero is a rest
+    # change of a joint's position [rad] below which a velocity or gyro of exactly zero is a rest; and its velocity's
+    # integral, below which a position that stands is one
+    rests: float = 0.005
     lively: float = 0.9  # share of steps with a change above which a signal counts as newly measured at each sample
     instant: float = 0.04  # over which signals are averaged and differentiated [s]; a step of a trot has five or more
     instant_samples: int = 3  # least number of samples in an instant with slopes

@@ -232,18 +232,22 @@ def sensor_findings(recording: Recording, limits: CheckLimits) -> Iterator[Findi
 
 
 def _rests(recording: Recording, name: str, span: tuple[float, float], limits: CheckLimits) -> bool:
-    """True for a signal of a joint that rests meanwhile by its other signals: drives report a rest as zero velocity,
-    and a torque that is computed from a position that stands is as still.
+    """True for a signal of a joint that rests meanwhile by its other signals: friction holds it within a step of its
+    encoder, drives report a rest as zero velocity, and a torque that is computed from a position that stands is as
+    still.
     """
     joint, _, channel = name.rpartition(".")
     if joint not in recording.joints or recording.velocity is None:
         return False
     inside, at = (recording.time >= span[0]) & (recording.time <= span[1]), recording.index(joint)
-    moved = float(np.ptp(recording.position[inside, at]))
+    moved, measured = float(np.ptp(recording.position[inside, at])), recording.velocity[inside, at]
     if channel == "effort":
         return moved == 0.0
-    silent = recording.velocity[:, at] == 0.0
-    return moved < limits.rests and bool(silent[inside].all() and not silent.all())
+    if channel == "position":
+        moved = float(np.ptp(np.cumsum(measured[1:] * np.diff(recording.time[inside]))))
+    elif measured.any():
+        return False
+    return moved < limits.rests and bool(recording.velocity[:, at].any())
 
 
 def _longest_repeat(time: Array, values: Array, limits: CheckLimits) -> tuple[float, float] | None:
