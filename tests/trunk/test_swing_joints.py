@@ -103,6 +103,22 @@ def test_what_holds_a_joint_that_sticks_is_neither_its_offset_nor_its_friction()
     assert not swing.stepped.any()
 
 
+def test_what_a_log_s_beginning_does_not_tell_is_no_torque_that_changed() -> None:
+    """Joints that swing evenly at first do not show the inertia of their rotors."""
+    rng = np.random.default_rng(0)
+    model, none = ErrorModel(robot(), ModelErrors(), 0.7), np.zeros(12)
+    rotor = np.sqrt(np.diag(model.covariance)[PLACES["rotor"]])
+    swing = SwingJoints(model, SwingDetection())
+    for k in range(120):
+        velocity = 3.0 * np.cos(0.4 * k + np.arange(12))
+        acceleration = np.full(12, 10.0 / rotor) if k > 60 else none
+        terms = np.stack([acceleration, velocity, np.sign(velocity), none, none + 1.0])
+        acts = rotor * acceleration + np.array([0.0, VISCOUS, COULOMB, 0.0, OFFSET]) @ terms
+        swing.add(IN_THE_AIR, terms, none, 0.05 * rng.standard_normal(12) - acts, none + 0.05, none)
+        swing.posterior()
+    assert not swing.stepped.any()
+
+
 def test_nothing_in_the_air_leaves_the_prior() -> None:
     model = ErrorModel(robot(), ModelErrors(), 0.7)
     mean, covariance = SwingJoints(model, SwingDetection()).posterior(np.full(LAYOUT.by_swing.stop, 0.5))

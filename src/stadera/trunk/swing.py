@@ -44,7 +44,8 @@ class SwingJoints:
     Attributes:
         rows: number of rows so far, by their weights.
         stepped: [N·m] by joint, by how much the recorded torque has departed from the law that held at first,
-            if an average over successive rows is beyond all usual ones, as after a jump of a torque sensor; else zero.
+            if an average over successive rows is beyond all usual ones and what is not known of that law, as after a
+            jump of a torque sensor; else zero.
     """
 
     def __init__(self, errors: ErrorModel, settings: SwingDetection) -> None:
@@ -60,9 +61,9 @@ class SwingJoints:
         self._last, self._typical = np.zeros(count), np.inf
         self._dry, self._coulomb, self._square_held = errors.dry, layout.places["coulomb"], errors.resting**2
         self._first: list[tuple[Array, Array, Array, Array, NDArray[np.int64]]] | None = []
-        self._expected, self._loud = np.zeros(count), np.inf
-        self._joints = np.zeros((3, layout.joints))
-        self._averaged, self._average, self.stepped = self._joints
+        self._expected, self._unknown, self._loud = np.zeros(count), np.zeros((layout.joints, 6, 6)), np.inf
+        self._averaged, self._average, self.stepped = np.zeros((3, layout.joints))
+        self._row = np.zeros((layout.joints, 6))
         self._found: tuple[Array, Array, float] | None = None
 
     def add(self, air: Bools, terms: Array, rate: Array, residual: Array, white: Array, unsure: Array) -> None:
@@ -80,7 +81,8 @@ class SwingJoints:
         rows[:, self._lag] = -rate
         own, swinging = white**2 + (self._settings.residual * self._limit) ** 2, np.repeat(air, self._legs)
         weight = 1.0 / (own + unsure * self._square_held / self._typical)
-        self._compare(swinging * (1.0 - unsure), residual + rows @ self._expected, weight)
+        sizes = np.column_stack([terms.T, -rate])
+        self._compare(swinging * (1.0 - unsure), residual + rows @ self._expected, weight, sizes)
         if not swinging.any():
             return
         if self._first is not None:
@@ -119,19 +121,21 @@ class SwingJoints:
         self._last, self._typical = mean, loud / self._settings.repeated
         self._square_held = (self._dry + mean[self._coulomb]) ** 2 + np.diagonal(covariance)[self._coulomb]
 
-    def _compare(self, swinging: Array, residual: Array, weight: Array) -> None:
-        """Averages the latest residuals of each joint, as far as it slides, and keeps those beyond the usual ones."""
+    def _compare(self, swinging: Array, residual: Array, weight: Array, row: Array) -> None:
+        """Averages the latest residuals and rows (joints, 6) of each joint, as far as it slides, and keeps residuals
+        beyond the usual ones.
+        """
         if self._loud == np.inf:
             return
         share = swinging / self._settings.recent
         self._averaged += share * (1.0 - self._averaged)
         self._average += share * (residual - self._average)
-        mean = self._average / np.maximum(self._averaged, 1e-9)
-        large = (
-            (self._averaged > 0.5)
-            & (np.abs(mean) > self._settings.step * self._limit)
-            & (weight * mean**2 > self._loud)
-        )
+        self._row += share[:, None] * (row - self._row)
+        scale = np.maximum(self._averaged, 1e-9)
+        mean, row = self._average / scale, self._row / scale[:, None]
+        variance = self._loud / weight + np.einsum("jk,jkl,jl->j", row, self._unknown, row)
+        large = (self._averaged > 0.5) & (np.abs(mean) > self._settings.step * self._limit)
+        large &= mean**2 > self._settings.wild_step**2 * variance
         self.stepped[:] = np.where(large & (np.abs(mean) > np.abs(self.stepped)), -mean, self.stepped)
 
     @property
@@ -165,9 +169,11 @@ class SwingJoints:
         known = self.rows > self._settings.enough * count
         if known and self._first is not None:
             self._sum_anew()
-        mean, _, loud = self._found = self._least_squares(np.ones(count))
+        mean, covariance, loud = self._found = self._least_squares(np.ones(count))
         if self.rows > 2 * count and self._loud == np.inf:  # compared with the log's beginning
-            self._expected, self._loud = mean, self._settings.wild_step**2 * loud / self._settings.repeated
+            self._expected, self._loud = mean, loud / self._settings.repeated
+            at = np.column_stack([self._at.T, np.full(len(self._each), self._lag)])
+            self._unknown = covariance[at[:, :, None], at[:, None]]
         if known:
             self._learn(*self._found)
         return self._found
