@@ -15,7 +15,7 @@ from stadera.checks.diagnosis import late_imu
 from stadera.checks.hypotheses import Hypothesis
 from stadera.checks.instants import Instants
 from stadera.checks.residual import Footing
-from stadera.checks.torques import swapped_in_motion, torque_step
+from stadera.checks.torques import TrunkRows, _landed, _spans, swapped_in_motion, torque_step
 from stadera.inertia import InertialParameters
 from stadera.lab.experiments.fault_kinds import FORCES
 from stadera.lab.plant.sensors import STANDARD
@@ -144,6 +144,15 @@ def test_the_joint_that_is_off_all_the_time_is_named_not_one_that_is_for_a_while
     found = torque_step(footing)
     assert found is not None
     assert f"the torque of {load_robot('go2').legs[0].joints[0]!r} is" in found[0].message
+
+
+@pytest.mark.parametrize(("name", "scenario", "seed"), [("anymal_b", "trot", 2), ("b1", "shake", 3)])
+def test_a_load_is_found_where_it_lands_beside_friction_and_other_errors(name: str, scenario: str, seed: int) -> None:
+    footing = footing_of(log_of(name, scenario, seed), name, CheckLimits())
+    rows = TrunkRows.of(footing)
+    assert rows is not None
+    landed = _landed(rows, rows.columns(tuple(range(4))) @ rows.root, list(_spans(footing)))
+    assert footing.blocks.time[landed] == pytest.approx(3.0, abs=0.2)
 
 
 def test_a_load_is_no_torque_that_jumps_at_another_time() -> None:

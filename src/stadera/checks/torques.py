@@ -258,7 +258,7 @@ def torque_step(footing: Footing) -> tuple[Finding, float] | None:
     if rows is None or not spans:
         return None
     recorded = rows.columns(tuple(range(len(footing.robot.legs)))) @ rows.root
-    landed, least = _landed(rows, recorded[:, 0], spans), 2.0 * np.log(len(spans))
+    landed, least = _landed(rows, recorded, spans), 2.0 * np.log(len(spans))
     found = {k: _tested(rows, recorded, landed, *spans[k]) for k in range(0, len(spans), 2)}
     if max(float(squares.max()) for squares, _ in found.values()) < least:
         return None
@@ -319,23 +319,25 @@ def _needed(footing: Footing, span: slice, at: int) -> float:
     return limits.step_gain if sliding.mean() > limits.step_free else limits.step_gain_held
 
 
-def _landed(rows: TrunkRows, b: Array, spans: Sequence[tuple[slice, int]]) -> int:
-    """The instant from which on a load explains most of b (6 n,), in a stretch around it: to where it is tested, then
-    to an instant. A load that lands at another time than a step is tested at looks like a step there.
+def _landed(rows: TrunkRows, recorded: Array, spans: Sequence[tuple[slice, int]]) -> int:
+    """The instant from which on a load is likeliest in a stretch around it, by b and the errors' columns, `recorded`
+    (6 n, 1 + p): to where it is tested, then to an instant. A load that lands at another time than a step is tested at
+    looks like a step there.
     """
     limits = rows.footing.limits
 
-    def left(span: slice, at: int) -> float:
+    def gain(span: slice, at: int) -> float:
         part, after = slice(6 * span.start, 6 * span.stop), (np.arange(6 * (span.stop - span.start)) >= 6 * at)[:, None]
-        A, values = rows.matrix[part], b[part][:, None]
+        A, values = rows.matrix[part], recorded[part]
         without, with_load = (
-            float(_less(values, _explained(matrix, limits))[0, 0]) for matrix in (A, np.hstack([A, A[:, :4] * after]))
+            Likelihood.of(_less(values, _explained(matrix, limits)), len(A) - matrix.shape[1], limits.order_repeated)
+            for matrix in (A, np.hstack([A, A[:, :4] * after]))
         )
-        return with_load / max(without, 1e-12)
+        return without.cost - with_load.cost
 
-    span, at = min(spans, key=lambda each: left(*each))
+    span, at = max(spans, key=lambda each: gain(*each))
     around = round(limits.step_every / limits.instant)
-    return int(span.start) + min(range(at - around, at + around + 1), key=lambda k: left(span, k))
+    return int(span.start) + max(range(at - around, at + around + 1), key=lambda k: gain(span, k))
 
 
 def _tested(rows: TrunkRows, recorded: Array, landed: int, span: slice, at: int) -> tuple[Array, Array]:
