@@ -15,7 +15,7 @@ from stadera.trunk.samples import Samples
 @pytest.mark.parametrize("every", [3, 4, 6])
 def test_slow_logs_are_weighed(every: int) -> None:
     robot = load_robot("go2")
-    run = simulate(robot, "shake", SimulateSettings("standard", duration=3.0, seed=1, rate=250.0))
+    run = simulate(robot, "shake", SimulateSettings("standard", duration=3.0, seed=1, rate=250.0, hold=2))
     samples, estimator = Samples.of_recording(run.recording, robot), TrunkEstimator(robot)
     estimator.add(samples[np.arange(len(samples)) % every == 0])
     assert estimator.trunk.inertial.mass == pytest.approx(robot.inertias[robot.trunk].mass, abs=0.1 * robot.mass)

@@ -28,7 +28,7 @@ HYQ = load_robot("hyq")
 
 def loaded(robot: str, seed: int, slope: float) -> Run:
     """A load put on at 1.7 of 4 s, standard sensors."""
-    wanted = SimulateSettings(duration=4.0, rate=100.0, seed=seed, slope=slope, load_time=1.7)
+    wanted = SimulateSettings(duration=4.0, rate=100.0, seed=seed, slope=slope, load_time=1.7, hold=2)
     return simulate(load_robot(robot), "stand-load", wanted)
 
 

@@ -87,7 +87,7 @@ def test_what_is_logged_obeys_newton_and_euler(name: str, scenario: str, monkeyp
 @pytest.mark.parametrize("name", ["g1", "talos"])
 def test_a_humanoid_squats_on_both_feet(name: str) -> None:
     robot = of_name(name)
-    run = simulate(robot, "squat", SimulateSettings("real", duration=3.0, seed=1))
+    run = simulate(robot, "squat", SimulateSettings("real", duration=3.0, seed=1, hold=2))
     assert run.truth.fell is None
     knees = [run.recording.index(leg.joints[3]) for leg in robot.legs]
     assert np.ptp(run.true_motion.position[:, knees], axis=0).min() > 0.3
