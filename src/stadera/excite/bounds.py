@@ -97,7 +97,7 @@ class Clearance:
         near = self._between_spheres(poses) < allowed
         return all(
             (self._exact(poses, k, np.flatnonzero(near[:, k])) >= allowed[k] - ROUNDING).all()
-            for k in np.flatnonzero(near.any(axis=0))
+            for k in np.flatnonzero(near.any(axis=0)).tolist()
         )
 
     def _least(self, position: Array, kept: bool) -> Array:
