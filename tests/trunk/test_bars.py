@@ -25,7 +25,7 @@ SWING = SwingDetection()
 
 
 def errors(rows: RowSums | None = None) -> Errors:
-    return Errors(MODEL, SwingJoints(MODEL, SWING), rows)
+    return Errors(MODEL, SwingJoints(MODEL, SWING), rows=rows)
 
 
 def drawn(seed: int, blocks: int = 40, still: int = 0) -> list[WeightedRows]:
@@ -89,6 +89,18 @@ def test_friction_and_noise_do_not_cancel_between_two_loads_and_all_else_does() 
     found = known.difference_covariance(first, second) - known.of_rows(first) - known.of_rows(second)
     scale = np.sqrt(np.diag(expected))
     np.testing.assert_allclose(found / np.outer(scale, scale), expected / np.outer(scale, scale), atol=1e-9)
+
+
+def test_a_payload_has_what_friction_does_beyond_its_law() -> None:
+    """ε² u uᵀ more than a difference of two estimates, u what friction's law corrects in one less in the other."""
+    known = errors(RowSums.of([summed(drawn(1, blocks=60))], 10.0))
+    first, second = summed(drawn(1)), summed(drawn(2))
+    u, places = np.zeros(10), [PLACES["coulomb"], PLACES["load_friction"]]
+    for place in places:
+        u += (second.solution[:, 1:] - first.solution[:, 1:])[:, place] @ known.mean[place]
+    assert np.abs(u).max() > 0.01
+    more = known.payload_covariance(first, second, 0.5) - known.difference_covariance(first, second, 0.5)
+    np.testing.assert_allclose(more, ModelErrors().friction_law ** 2 * np.outer(u, u), atol=1e-9 * (u @ u))
 
 
 def test_what_lasts_under_another_load_is_a_covariance() -> None:

@@ -185,11 +185,12 @@ class ErrorModel:
             not. resting: (joints,) [N·m], what bounds static friction before any row.
         drift: (joints,), standard deviation of the torques' offsets under one load from their mean of all [N·m].
         covariance: (count, count). variance: (count,), its diagonal.
-        held, renewed: as in `ModelErrors`.
+        held, renewed, friction_law: as in `ModelErrors`.
     """
 
     def __init__(self, robot: Robot, sizes: ModelErrors, length: float) -> None:
         self.layout, self.held, self.renewed = ErrorLayout.of(robot), sizes.held, sizes.renewed
+        self.friction_law = sizes.friction_law
         joints, largest = [joint for leg in robot.legs for joint in leg.joints], GRAVITY * robot.mass * length
         given = np.array([robot.limits[joint].effort for joint in joints])
         self.limit = np.where(given < 2.0 * largest, given, largest)

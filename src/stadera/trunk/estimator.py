@@ -321,7 +321,7 @@ class TrunkEstimator:
         """The payload's ten parameters, their covariance, and `Errors.by_scale`."""
         errors, p = self._fit.errors, self._fit.errors.mean
         now = self._history.carried
-        found = now.mean(p) - tare.mean(p), errors.difference_covariance(tare, now, errors.alike(tare, now))
+        found = now.mean(p) - tare.mean(p), errors.payload_covariance(tare, now, errors.alike(tare, now))
         by_scale = errors.by_scale(now.sensitivity - tare.sensitivity)
         if outside is None:
             return *found, by_scale

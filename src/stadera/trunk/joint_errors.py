@@ -75,6 +75,7 @@ class Errors:
     ) -> None:
         self.layout = model.layout
         self._offsets, self._drift, self._alike = model.layout.places["offset"], model.drift, model.renewed
+        self._friction, self._law = model.layout.at("coulomb", "load_friction"), model.friction_law
         learnt, count, by_swing = learnt or self.layout.learnt, self.layout.count, self.layout.by_swing
         gain, stuck = self.layout.places["gain"], self.layout.sticking
         joints, covariance = swing.posterior(None if scale is None else scale[by_swing])
@@ -218,6 +219,15 @@ class Errors:
             changing = K[..., self.layout.changing_at]
             total += share * changing @ self._changing @ changing.mT
         return np.asarray(0.5 * (total + total.mT))
+
+    def payload_covariance(self, first: Segment | Solved, second: Segment | Solved, alike: float) -> Array:
+        """Covariance of a payload, (10, 10): as `difference_covariance`, and of the difference K p̂ that sliding
+        friction makes between the loads a share that its law does not explain, in all joints alike
+        (`ModelErrors.friction_law`). A change is found without that: it does not alter the motion at once.
+        """
+        K = (second.sensitivity - first.sensitivity)[:, self._friction]
+        beyond = self._law * (K @ self.mean[self._friction])
+        return self.difference_covariance(first, second, alike) + np.outer(beyond, beyond)
 
     def of_rows(self, segment: Segment | Solved, scatter: float = 0.0) -> Array:
         """Covariance (10, 10) of a segment's own errors: what parts of the log show (`stadera.trunk.batches`), and

@@ -147,7 +147,7 @@ class LoadChanges:
     def _weighed(self, change: _Change, now: Segment, errors: Errors) -> LoadChange:
         before, after = change.before.whole, now.whole
         mass = float(after.mean(errors.mean)[0] - before.mean(errors.mean)[0])
-        variance = float(errors.difference_covariance(before, after, errors.alike(change.before, now))[0, 0])
+        variance = float(errors.payload_covariance(before, after, errors.alike(change.before, now))[0, 0])
         std = float(np.sqrt(variance))
         kind: ChangeKind = "on" if mass > 0 else "off"
         if abs(mass) < max(SIGNIFICANT * std, self._settings.changes.shifted * self._mass):
