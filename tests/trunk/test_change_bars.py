@@ -16,10 +16,10 @@ SETTINGS = ChangeSettings()
 BLOCK = 0.02
 
 
-def loaded_walk() -> tuple[TrunkEstimator, Samples]:
+def loaded_walk(errors: str = "standard") -> tuple[TrunkEstimator, Samples]:
     robot = load_robot("hyq")
     load = Load(8.0, "kg", (0.0, 0.0, 0.15))
-    settings = SimulateSettings("standard", load, duration=5.0, seed=4, load_time=3.0, hold=2)
+    settings = SimulateSettings(errors, load, duration=5.0, seed=4, load_time=3.0, hold=2)
     return TrunkEstimator(robot), Samples.of_recording(simulate(robot, "trot-load", settings).recording, robot)
 
 
@@ -44,6 +44,24 @@ def test_a_tare_leaves_out_its_blocks_and_bars_say_what_errors_do() -> None:
     assert payload is not None
     assert payload.mass == pytest.approx(8.0, abs=0.6)
     assert 0.6 < change.mass_std / payload.mass_std < 1.6  # both know the models' errors
+
+
+def test_bars_of_a_payload_and_of_its_change_have_what_friction_does_beyond_its_law() -> None:
+    """Twice the correction, and none, which moves no estimate; drives without friction have nothing to correct."""
+    _, samples = loaded_walk("harsh")
+    bars = []
+    for share in (0.0, 2.0):
+        estimator = TrunkEstimator(load_robot("hyq"), settings=TrunkSettings(model=ModelErrors(friction_law=share)))
+        estimator.add(samples[samples.time < 2.5])
+        estimator.tare()
+        estimator.add(samples[samples.time >= 2.5])
+        payload, (change,) = estimator.payload, estimator.changes
+        assert payload is not None
+        bars.append((payload.mass, payload.mass_std, change.mass_std))
+    without, twice = bars
+    assert twice[0] == without[0]
+    assert twice[1] > 1.02 * without[1]
+    assert twice[2] > 1.02 * without[2]
 
 
 @pytest.mark.parametrize("joint", [None, "lf_kfe_joint"])

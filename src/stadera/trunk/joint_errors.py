@@ -223,11 +223,12 @@ class Errors:
     def payload_covariance(self, first: Segment | Solved, second: Segment | Solved, alike: float) -> Array:
         """Covariance of a payload, (10, 10): as `difference_covariance`, and of the difference K p̂ that sliding
         friction makes between the loads a share that its law does not explain, in all joints alike
-        (`ModelErrors.friction_law`). A change is found without that: it does not alter the motion at once.
+        (`ModelErrors.friction_law`). Detection of changes leaves that out: the motion just before and just after a
+        load comes is the same.
         """
         K = (second.sensitivity - first.sensitivity)[:, self._friction]
         beyond = self._law * (K @ self.mean[self._friction])
-        return self.difference_covariance(first, second, alike) + np.outer(beyond, beyond)
+        return self.difference_covariance(first, second, alike) + 0.5 * np.outer(beyond, beyond)
 
     def of_rows(self, segment: Segment | Solved, scatter: float = 0.0) -> Array:
         """Covariance (10, 10) of a segment's own errors: what parts of the log show (`stadera.trunk.batches`), and

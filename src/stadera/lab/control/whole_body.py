@@ -37,7 +37,6 @@ from stadera.types import Array, Bools
 
 _LEVEL = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 _UP = np.array([0.0, 0.0, 1.0])
-_TURNS = (np.array([1, 2, 0]), np.array([2, 0, 1]))  # of a moment's components yz, zx, xy
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,8 +114,7 @@ class WholeBody(Follower):
         needed = np.array(pin.rnea(model, data, q, v, self._accelerations(seen, m, q, v)))
         forces, arms = self._forces(seen, needed)
         for jacobian, own, share in zip(seen.jacobians, arms, forces, strict=True):
-            moment = own.T @ share
-            wrench = np.concatenate([share.sum(axis=0), (moment - moment.T)[_TURNS]])  # Σ rᵢ x fᵢ
+            wrench = np.concatenate([share.sum(axis=0), np.cross(own, share).sum(axis=0)])
             needed -= jacobian.T @ wrench[: len(jacobian)]
         torque = needed[6:] + self._friction(seen)
         if not np.isfinite(torque).all():
