@@ -91,16 +91,16 @@ def test_friction_and_noise_do_not_cancel_between_two_loads_and_all_else_does() 
     np.testing.assert_allclose(found / np.outer(scale, scale), expected / np.outer(scale, scale), atol=1e-9)
 
 
-def test_a_payload_has_what_friction_does_beyond_its_law() -> None:
-    """ε² u uᵀ more than a difference of two estimates, u what friction's law corrects in one less in the other."""
+def test_friction_beyond_its_law_is_a_share_of_what_it_corrects() -> None:
+    """ε u, u what a load's mass and moments would be without friction less what they are."""
     known = errors(RowSums.of([summed(drawn(1, blocks=60))], 10.0))
     first, second = summed(drawn(1)), summed(drawn(2))
-    u, places = np.zeros(10), [PLACES["coulomb"], PLACES["load_friction"]]
-    for place in places:
-        u += (second.solution[:, 1:] - first.solution[:, 1:])[:, place] @ known.mean[place]
-    assert np.abs(u).max() > 0.01
-    more = known.payload_covariance(first, second, 0.5) - known.difference_covariance(first, second, 0.5)
-    np.testing.assert_allclose(more, ModelErrors().friction_law ** 2 * np.outer(u, u), atol=1e-9 * (u @ u))
+    smooth = known.mean.copy()
+    smooth[PLACES["coulomb"]] = smooth[PLACES["load_friction"]] = 0.0
+    u = [(second.mean(p) - first.mean(p)) for p in (smooth, known.mean)]
+    found = known.by_law(second.sensitivity - first.sensitivity)
+    assert np.abs(found).max() > 0.003
+    np.testing.assert_allclose(found, ModelErrors().friction_law * (u[0] - u[1]), atol=1e-9)
 
 
 def test_what_lasts_under_another_load_is_a_covariance() -> None:

@@ -321,8 +321,10 @@ class TrunkEstimator:
         """The payload's ten parameters, their covariance, and `Errors.by_scale`."""
         errors, p = self._fit.errors, self._fit.errors.mean
         now = self._history.carried
-        found = now.mean(p) - tare.mean(p), errors.payload_covariance(tare, now, errors.alike(tare, now))
-        by_scale = errors.by_scale(now.sensitivity - tare.sensitivity)
+        moved = now.sensitivity - tare.sensitivity
+        by_law, by_scale = errors.by_law(moved), errors.by_scale(moved)
+        covariance = errors.difference_covariance(tare, now, errors.alike(tare, now)) + np.outer(by_law, by_law)
+        found = now.mean(p) - tare.mean(p), covariance
         if outside is None:
             return *found, by_scale
         return outside.of_trunks({now: np.eye(10), tare: -np.eye(10)}, *found, by_scale)

@@ -173,6 +173,15 @@ class Errors:
         own = float(np.sqrt(max(self.covariance[at, at], 1e-300)))
         return np.asarray(sensitivity @ self.covariance[:, at] / own)
 
+    def by_law(self, sensitivity: Array) -> Array:
+        """What a standard deviation of sliding friction beyond its law, in all joints alike, does to trunk parameters,
+        (10,): a share of what friction corrects (`ModelErrors.friction_law`); `sensitivity` as of `by_scale`.
+
+        It is in the bars of loads. Their detection leaves it out: the motion just before and just after one comes is
+        the same.
+        """
+        return np.asarray(self._law * (sensitivity[:, self._friction] @ self.mean[self._friction]))
+
     @cached_property
     def _changing(self) -> Array:
         """Covariance (changing, changing) of errors that may change with the load, those of each name apart."""
@@ -219,16 +228,6 @@ class Errors:
             changing = K[..., self.layout.changing_at]
             total += share * changing @ self._changing @ changing.mT
         return np.asarray(0.5 * (total + total.mT))
-
-    def payload_covariance(self, first: Segment | Solved, second: Segment | Solved, alike: float) -> Array:
-        """Covariance of a payload, (10, 10): as `difference_covariance`, and of the difference K p̂ that sliding
-        friction makes between the loads a share that its law does not explain, in all joints alike
-        (`ModelErrors.friction_law`). Detection of changes leaves that out: the motion just before and just after a
-        load comes is the same.
-        """
-        K = (second.sensitivity - first.sensitivity)[:, self._friction]
-        beyond = self._law * (K @ self.mean[self._friction])
-        return self.difference_covariance(first, second, alike) + 0.5 * np.outer(beyond, beyond)
 
     def of_rows(self, segment: Segment | Solved, scatter: float = 0.0) -> Array:
         """Covariance (10, 10) of a segment's own errors: what parts of the log show (`stadera.trunk.batches`), and

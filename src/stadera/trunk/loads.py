@@ -147,12 +147,14 @@ class LoadChanges:
     def _weighed(self, change: _Change, now: Segment, errors: Errors) -> LoadChange:
         before, after = change.before.whole, now.whole
         mass = float(after.mean(errors.mean)[0] - before.mean(errors.mean)[0])
-        variance = float(errors.payload_covariance(before, after, errors.alike(change.before, now))[0, 0])
-        std = float(np.sqrt(variance))
+        variance = float(errors.difference_covariance(before, after, errors.alike(change.before, now))[0, 0])
         kind: ChangeKind = "on" if mass > 0 else "off"
-        if abs(mass) < max(SIGNIFICANT * std, self._settings.changes.shifted * self._mass):
+        if abs(mass) < max(SIGNIFICANT * float(np.sqrt(variance)), self._settings.changes.shifted * self._mass):
             kind = "shifted"
-        by_scale = errors.by_scale(after.sensitivity - before.sensitivity)
+        moved = after.sensitivity - before.sensitivity
+        variance, by_scale = variance + float(errors.by_law(moved)[0]) ** 2, errors.by_scale(moved)
         held = now.held if mass > 0 else change.before.held
         at = "" if held is None else self._where.name(held.at)
-        return LoadChange(change.time, change.noticed, mass, std, kind, without_scale(variance, by_scale[0]), at)
+        return LoadChange(
+            change.time, change.noticed, mass, float(np.sqrt(variance)), kind, without_scale(variance, by_scale[0]), at
+        )
