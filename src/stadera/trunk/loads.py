@@ -147,14 +147,14 @@ class LoadChanges:
     def _weighed(self, change: _Change, now: Segment, errors: Errors) -> LoadChange:
         before, after = change.before.whole, now.whole
         mass = float(after.mean(errors.mean)[0] - before.mean(errors.mean)[0])
-        variance = float(errors.difference_covariance(before, after, errors.alike(change.before, now))[0, 0])
-        kind: ChangeKind = "on" if mass > 0 else "off"
-        if abs(mass) < max(SIGNIFICANT * float(np.sqrt(variance)), self._settings.changes.shifted * self._mass):
-            kind = "shifted"
         moved = after.sensitivity - before.sensitivity
-        variance, by_scale = variance + float(errors.by_law(moved)[0]) ** 2, errors.by_scale(moved)
+        by_law, by_scale = errors.by_law(moved), errors.by_scale(moved)
+        covariance = errors.difference_covariance(before, after, errors.alike(change.before, now))
+        variance = float(covariance[0, 0] + by_law[0] ** 2)
+        std = float(np.sqrt(variance))
+        kind: ChangeKind = "on" if mass > 0 else "off"
+        if abs(mass) < max(SIGNIFICANT * std, self._settings.changes.shifted * self._mass):
+            kind = "shifted"
         held = now.held if mass > 0 else change.before.held
         at = "" if held is None else self._where.name(held.at)
-        return LoadChange(
-            change.time, change.noticed, mass, float(np.sqrt(variance)), kind, without_scale(variance, by_scale[0]), at
-        )
+        return LoadChange(change.time, change.noticed, mass, std, kind, without_scale(variance, by_scale[0]), at)
