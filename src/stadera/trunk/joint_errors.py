@@ -37,7 +37,7 @@ from scipy.linalg import lapack
 from stadera.trunk.error_model import QUIETEST, ErrorModel
 from stadera.trunk.placed import Solved
 from stadera.trunk.segment import RowSums, Segment
-from stadera.trunk.swing import SwingJoints, inverse_of, root_of
+from stadera.trunk.swing import SwingJoints, root_of
 from stadera.types import Array
 
 _PRIOR = 0.25
@@ -118,11 +118,10 @@ class Errors:
             factor = lapack.dpotrf(system)[0]
             along = sum(part.along / loud for part, loud in zip(parts, louds, strict=True))
             found = lapack.dpotrs(factor, along)[0]
-        self.scatter, inverse = rows.repeated * each[0], inverse_of(factor)
+        self.scatter, inverse = rows.repeated * each[0], root.before(lapack.dtrtri(factor)[0])
         self._weighed = np.asarray(sum(total / loud for (total, _), loud in zip(sums, louds, strict=True)))
         self.mean[learnt] += root.before(found[:, None])[:, 0]
-        S = root.before(root.before(inverse).T)
-        self.covariance[learnt, learnt] = 0.5 * (S + S.T)
+        self.covariance[learnt, learnt] = S = inverse @ inverse.T
         return np.asarray(S @ self._weighed[1:, 1:][learnt, learnt.stop :])
 
     def evidence(self, rows: RowSums, model: ErrorModel, swing: SwingJoints) -> tuple[Array, Array]:

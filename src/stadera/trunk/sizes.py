@@ -20,13 +20,13 @@ likely, and the likeliest may be zero. A kind that no row shows keeps its size.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from math import sqrt
 from types import MappingProxyType
 
 import numpy as np
 from scipy.linalg import lapack
 
 from stadera.trunk.error_model import ErrorLayout
-from stadera.trunk.swing import inverse_of
 from stadera.types import Array
 
 KINDS: Mapping[str, tuple[str, ...]] = MappingProxyType(
@@ -67,9 +67,11 @@ class Sizes:
     def __init__(self, layout: ErrorLayout, spread: float) -> None:
         self.by_kind = dict.fromkeys(KINDS, 1.0)
         self._at = {kind: layout.at(*names) for kind, names in KINDS.items()}
+        self._at = {kind: at for kind, at in self._at.items() if len(at)}
+        self._starts = np.cumsum([0, *map(len, self._at.values())])[:-1]
         self._layout = layout
         tried = np.linspace(-_WIDEST, _WIDEST, _TRIES)  # (ln s about the prior's median) / spread
-        self._square, self._prior = np.exp(2.0 * spread * (tried - spread))[:, None], 0.5 * tried**2
+        self._square, self._prior = np.exp(2.0 * spread * (tried - spread))[:, None], 0.5 * tried[:, None] ** 2
 
     @property
     def factors(self) -> Array:
@@ -88,22 +90,15 @@ class Sizes:
         S = self.factors[: len(right)]
         system = S[:, None] * normal * S
         system.flat[:: len(system) + 1] += 1.0
-        F = inverse_of(lapack.dpotrf(system)[0])
-        found = F @ (S * right)
-        for kind, at in self._at.items():
-            if not len(at):
-                continue
-            size = self.by_kind[kind]
-            known, vectors = np.linalg.eigh(F[np.ix_(at, at)])
-            known = np.clip(known, 1e-12, 1.0)
-            mean = self._mean((1.0 / known - 1.0) / size**2, vectors.T @ found[at] / (size * known))
-            if kind in BOUNDED:
-                mean = min(mean, 1.0)
-            self.by_kind[kind] = float(np.sqrt(size * mean))
-
-    def _mean(self, normal: Array, right: Array) -> float:
-        """Root mean square of s, given Λ and u (k,)."""
-        square, known = self._square, 1.0 + self._square * normal
-        likely = 0.5 * (square * right**2 / known - np.log(known)).sum(axis=1) - self._prior
-        weight = np.exp(likely - likely.max())
-        return float(np.sqrt(weight @ square[:, 0] / weight.sum()))
+        root = lapack.dtrtri(lapack.dpotrf(system)[0])[0]  # T of F = T Tᵀ
+        found, square = root @ (root.T @ (S * right)), self._square
+        parts = [(at, *np.linalg.eigh(root[at] @ root[at].T)) for at in self._at.values()]
+        size = np.concatenate([S[at] for at, _, _ in parts])
+        known = np.clip(np.concatenate([values for _, values, _ in parts]), 1e-12, 1.0)
+        along = np.concatenate([vectors.T @ found[at] for at, _, vectors in parts]) / (size * known)  # u
+        spread = 1.0 + square * ((1.0 / known - 1.0) / size**2)
+        likely = np.add.reduceat(square * along**2 / spread - np.log(spread), self._starts, axis=1)
+        weight = np.exp(0.5 * (likely - likely.max(axis=0)) - self._prior)
+        means = np.sqrt(square[:, 0] @ weight / weight.sum(axis=0))
+        for kind, mean in zip(self._at, means.tolist(), strict=True):
+            self.by_kind[kind] = sqrt(self.by_kind[kind] * (min(mean, 1.0) if kind in BOUNDED else mean))

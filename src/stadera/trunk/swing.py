@@ -200,11 +200,8 @@ def root_of(covariance: Array) -> Array:
 
 def inverse_of(factor: Array) -> Array:
     """The inverse of a symmetric matrix (n, n), given its Cholesky factor, the upper triangle."""
-    inverse = lapack.dpotri(factor)[0]  # its upper triangle; below are zeros, as in the factor
-    diagonal = inverse.diagonal().copy()
-    inverse = inverse + inverse.T
-    np.fill_diagonal(inverse, diagonal)
-    return np.asarray(inverse)
+    root = lapack.dtrtri(factor)[0]
+    return np.asarray(root @ root.T)
 
 
 class Lifted:
