@@ -25,13 +25,13 @@ class Batches:
     """Aᵀ W times all columns, summed up over successive parts of the rows, at most 16 that grow with the log.
 
     Attributes:
-        parts: (n, 10, columns). weights: (n,), of their blocks [1]. The last one is not complete.
+        parts: (10, columns) each, over their weight. weights: (n,), of their blocks [1]. The last one is not complete.
         length: weight of a part as it was completed [1]; the first ones take half a second, as long as a step.
     """
 
     MOST: ClassVar = 16  # number of parts
 
-    parts: Array = field(default_factory=lambda: np.zeros((0, 10, 0)))
+    parts: tuple[Array, ...] = ()
     weights: Array = field(default_factory=lambda: np.zeros(0))
     length: float = 25.0
 
@@ -43,20 +43,22 @@ class Batches:
             keep: weight that everything before is left with.
         """
         product, own = weight * columns[:, :10].T @ columns, weight * share
-        parts, weights, length = keep * self.parts, keep * self.weights, self.length
-        if len(weights) and self.weights[-1] < length:
-            parts[-1] += product
-            weights[-1] += own
-            return Batches(parts, weights, length)
-        if len(weights) == self.MOST:
+        parts, weights, length = self.parts, keep * self.weights, self.length
+        if parts and self.weights[-1] < length:
+            product += weights[-1] * parts[-1]
+            own += weights[-1]
+            parts, weights = parts[:-1], weights[:-1]
+        elif len(parts) == self.MOST:
             # of a log longer than the memory, the oldest two have faded to less than one
             pairs = 1 if weights[0] + weights[1] < length else self.MOST // 2
             length = length if pairs == 1 else 2.0 * length
-            parts, weights = (
+            totals = weights[:, None, None] * parts
+            totals, weights = (
                 np.concatenate([each[: 2 * pairs : 2] + each[1 : 2 * pairs : 2], each[2 * pairs :]])
-                for each in (parts, weights)
+                for each in (totals, weights)
             )
-        return Batches(np.array([*parts, product]), np.append(weights, own), length)
+            parts = tuple(totals / weights[:, None, None])
+        return Batches((*parts, product / own), np.append(weights, own), length)
 
     def pulls(self, inverse: Array, combination: Array) -> tuple[Array, float]:
         """Pulls s (10, n) of the parts, and how many parts of equal weight would tell as much [1].
@@ -65,4 +67,4 @@ class Batches:
             inverse: N⁻¹ (10, 10). combination: factors of the columns whose sum is the residual.
         """
         total, squares = self.weights.sum(), self.weights @ self.weights
-        return inverse @ (self.parts @ combination).T, float(total**2 / max(squares, 1e-300))
+        return inverse @ (self.weights[:, None] * (self.parts @ combination)).T, float(total**2 / max(squares, 1e-300))

@@ -176,7 +176,7 @@ class Weighting:
     def weighted(self, rows: BlockRows) -> WeightedRows:
         """Rows in their unit."""
         unit = self.unit
-        white, columns = float(rows.white @ unit**-2.0), rows.columns / unit[:, None]
+        white, columns = float((rows.white / (unit * unit)).sum()), rows.columns / unit[:, None]
         if self.unfelt is not None:
             hidden = columns[:, 11:][:, self.unfelt[0]] * self.unfelt[1]
             white = float((discounted(np.diag(np.sqrt(rows.white) / unit), hidden) ** 2).sum())

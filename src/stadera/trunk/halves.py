@@ -67,9 +67,10 @@ class HalfWindows:
         span, E = (samples.time[2:] - samples.time[:-2])[:, None], state.to_wrench[:, J]
         tau, rate = samples.effort[1:-1, J], (samples.effort[2:, J] - samples.effort[:-2, J]) / span
         acceleration, velocity = motion.acceleration[:, J], motion.velocity[:, J]
-        sure, one = direction(window.line(velocity)), np.ones(tau.shape)
+        smooth, carried = np.split(window.line(np.hstack([velocity, tau])), 2, axis=1)
+        sure, one = direction(smooth), np.ones(tau.shape)
         left = state.torque[:, J] + body.viscous[J] * velocity + body.coulomb[J] * sure + body.offset[J] - tau
-        terms = np.stack([acceleration, velocity, sure, sure * np.abs(window.line(tau)), one, tau], axis=-1)
+        terms = acceleration, velocity, sure, sure * np.abs(carried), one
         turning = np.hstack([samples.velocity[:, J], samples.angular_velocity])
         parts = {
             "signals": trunk_signals(
@@ -77,15 +78,18 @@ class HalfWindows:
             ).T,
             "target": body.target(state, left),
             "jerk": (turning[2:] - 2.0 * turning[1:-1] + turning[:-2]) / (0.5 * span) ** 2,
-            "joint": np.hstack([*np.moveaxis(terms[..., :5], 2, 0), rate, left]),
+            "joint": np.hstack([*terms, rate, left]),
             "by_rate": (E * rate[..., None]).sum(axis=1),
         }
         summed = window.sums(window.both, np.hstack([*parts.values()]))
-        ends = np.cumsum([part.shape[1] for part in parts.values()])[:-1]
-        out: Sums = dict(zip(parts, np.split(summed[:, :2], ends, axis=2), strict=True))
+        out: Sums = {}
+        end = 0
+        for name, part in parts.items():
+            begin, end = end, end + part.shape[1]
+            out[name] = summed[:, :2, begin:end]
         out["alternating"] = summed[:, 2:, : SIGNALS + 6]
         out["squared"] = window.sums(halves**2, (E * E * noise.torque[window.block][..., None]).sum(axis=1))
-        out["by_terms"] = window.sums(halves, E[..., None] * terms[:, :, None])
+        out["by_terms"] = window.sums(halves, E[..., None] * np.stack([*terms, tau], axis=-1)[:, :, None])
         out["by_links"] = window.sums(halves, state.columns)
         out["probes"], out["middle"] = self._slopes(window, motion, tau, sound)
         end, begin, after = samples.time[window.edges[1:]], samples.time[window.edges[:-1] + 1], window.counts - 1

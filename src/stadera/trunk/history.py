@@ -63,7 +63,7 @@ class RobustWeights:
         if not self.count:
             self.usual = square
         freedom, n = settings.freedom, len(residual)
-        ratio = float((square / np.maximum(self.usual, self._least)).mean())
+        ratio = float((square / np.maximum(self.usual, self._least)).sum()) / square.size
         weight = (freedom + n) / (freedom + n * ratio)
         self.count = min(self.count + 1.0, settings.remembered)
         self.usual = self.usual + weight * (square - self.usual) / self.count

@@ -337,8 +337,9 @@ class RowMaker:
         """
         places = self._layout.places
         a, alpha, spin = signals_of(signals)
-        C[:, :, places["imu_lever"]] = -K @ (skews(alpha) + spin)
-        C[:, :, places["imu_rotation"]] = K @ skews(a) + L @ skews(alpha)
+        turning = skews(alpha)
+        C[:, :, places["imu_lever"]] = -K @ (turning + spin)
+        C[:, :, places["imu_rotation"]] = K @ skews(a) + L @ turning
         C[:, :, places["accelerometer"]] = -K
         C[:, :, places["imu_response"]] = -K * (a - average)[:, None]
 

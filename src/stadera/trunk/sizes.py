@@ -66,8 +66,7 @@ class Sizes:
 
     def __init__(self, layout: ErrorLayout, spread: float) -> None:
         self.by_kind = dict.fromkeys(KINDS, 1.0)
-        self._at = {kind: layout.at(*names) for kind, names in KINDS.items()}
-        self._at = {kind: at for kind, at in self._at.items() if len(at)}
+        self._at = {kind: at for kind, names in KINDS.items() if len(at := layout.at(*names))}
         self._starts = np.cumsum([0, *map(len, self._at.values())])[:-1]
         self._layout = layout
         tried = np.linspace(-_WIDEST, _WIDEST, _TRIES)  # (ln s about the prior's median) / spread
@@ -92,7 +91,7 @@ class Sizes:
         system.flat[:: len(system) + 1] += 1.0
         root = lapack.dtrtri(lapack.dpotrf(system)[0])[0]  # T of F = T Tᵀ
         found, square = root @ (root.T @ (S * right)), self._square
-        parts = [(at, *np.linalg.eigh(root[at] @ root[at].T)) for at in self._at.values()]
+        parts = [(at, *lapack.dsyevd(root[at] @ root[at].T)[:2]) for at in self._at.values()]
         size = np.concatenate([S[at] for at, _, _ in parts])
         known = np.clip(np.concatenate([values for _, values, _ in parts]), 1e-12, 1.0)
         along = np.concatenate([vectors.T @ found[at] for at, _, vectors in parts]) / (size * known)  # u

@@ -187,7 +187,8 @@ class SwingJoints:
             if self.rows > len(mean):
                 square = self._square - mean @ (2.0 * self._right - self._normal @ mean)
                 loud = self._settings.repeated * max(float(square) / self.rows, self._settings.quietest)
-        return np.asarray(mean), inverse_of(factor), loud
+        root = lapack.dtrtri(factor)[0]
+        return np.asarray(mean), np.asarray(root @ root.T), loud
 
 
 def root_of(covariance: Array) -> Array:
@@ -196,12 +197,6 @@ def root_of(covariance: Array) -> Array:
     correlation = covariance / np.outer(*2 * [np.where(size > 0.0, size, 1.0)])
     correlation.flat[:: len(size) + 1] += _ROUNDING
     return np.asarray(size[:, None] * np.linalg.cholesky(correlation))
-
-
-def inverse_of(factor: Array) -> Array:
-    """The inverse of a symmetric matrix (n, n), given its Cholesky factor, the upper triangle."""
-    root = lapack.dtrtri(factor)[0]
-    return np.asarray(root @ root.T)
 
 
 class Lifted:
@@ -234,7 +229,7 @@ class Lifted:
         parts = np.minimum(np.maximum(np.rint(n * step / self._part), 1), n).astype(np.int64)  # averages of each block
         each = zip(edges[:-1], parts, n, strict=True)
         begin = np.concatenate([edge + np.arange(count) * size // count for edge, count, size in each])
-        block, counts = np.repeat(np.arange(len(n)), parts), np.diff(begin, append=edges[-1])[:, None]
+        block, counts = np.repeat(np.arange(len(n)), parts), np.diff(np.append(begin, edges[-1]))[:, None]
 
         def mean(values: Array) -> Array:
             return np.asarray(np.add.reduceat(values, begin) / counts.reshape(-1, *[1] * (values.ndim - 1)))
@@ -262,5 +257,6 @@ class Lifted:
             pace: (n, legs, 3) [m/s], velocities of the feet, the trunk's rotation taken out. edges: see `legs`.
         """
         mean = np.add.reduceat(pace, edges[:-1]) / np.diff(edges)[:, None, None]
-        apart = mean - np.median(mean, axis=1, keepdims=True)
+        ranked, legs = np.sort(mean, axis=1), mean.shape[1]
+        apart = mean - 0.5 * (ranked[:, (legs - 1) // 2, None] + ranked[:, legs // 2, None])  # from the median
         return np.asarray(((apart * apart).sum(axis=2) > self._fast).any(axis=1))
