@@ -92,7 +92,7 @@ class Motion:
         trunk = (x[None] for x in (self.omega, self.alpha, self.specific))
         body, motion = Body.of(robot), BodyMotion(*joints, *trunk, self.normal)
         state = body.at(motion)
-        return body.forces(state, body.left(state, motion, self.effort[None]))[0]
+        return body.contacts(state, body.left(state, motion, self.effort[None]))[0, :, :3]
 
 
 @pytest.mark.parametrize("name", ROBOTS)

@@ -214,20 +214,14 @@ class Body:
         J = self.in_legs
         return np.asarray((state.torque + self.friction(motion.velocity, motion.velocity))[:, J] - effort[:, J])
 
-    def by_leg(self, state: State, left: Array) -> Array:
-        """b by leg (N, L, 6), of h - τ of the legs' joints: the wrench of its contact minus that of its links."""
+    def contacts(self, state: State, left: Array) -> Array:
+        """Wrenches of the contacts (N, L, 6) [N, N·m], of h - τ of the legs' joints."""
         felt = state.to_wrench[:, self.in_legs] * left[..., None]
-        return np.asarray(np.add.reduceat(felt, self.starts, axis=1) - state.inertial[:, :-1])
-
-    def target(self, state: State, left: Array) -> Array:
-        """b (N, 6)."""
-        felt = (state.to_wrench[:, self.in_legs] * left[..., None]).sum(axis=1)
-        return np.asarray(felt - state.inertial.sum(axis=1))
-
-    def forces(self, state: State, left: Array) -> Array:
-        """Contact forces (N, L, 3) [N]."""
-        felt = state.to_wrench[:, self.in_legs, :3] * left[..., None]
         return np.asarray(np.add.reduceat(felt, self.starts, axis=1))
+
+    def target(self, state: State, contacts: Array) -> Array:
+        """b (N, 6), of the contacts' wrenches; that of one leg is its contact's minus that of its links."""
+        return np.asarray(contacts.sum(axis=1) - state.inertial.sum(axis=1))
 
     def by_contact(self, to_wrench: Array, axis: Array, force: Array) -> Array:
         """Derivatives (..., L, 6, 3) of the wrench of each leg's contact by its point of application.

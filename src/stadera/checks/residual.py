@@ -79,7 +79,7 @@ class Footing:
         a = np.tile([0.0, 0.0, GRAVITY], (len(self.blocks), 1))
         for _ in range(self.limits.rounds):
             state = self._at_rest(a)
-            a = GRAVITY * unit(self.body.forces(state, self._left(state)).sum(axis=1))
+            a = GRAVITY * unit(self._contacts(state)[..., :3].sum(axis=1))
         return a
 
     @cached_property
@@ -107,18 +107,18 @@ class Footing:
         felt = np.abs(state.volume) >= self.limits.unfelt * self.robot.leg_length**3
         return replace(state, to_wrench=np.where(felt[:, body.leg_of, None], state.to_wrench, 0.0))
 
-    def _left(self, state: State) -> Array:
-        return np.asarray((state.torque - self.blocks.effort)[:, self.body.in_legs])
+    def _contacts(self, state: State) -> Array:
+        return self.body.contacts(state, (state.torque - self.blocks.effort)[:, self.body.in_legs])
 
     @cached_property
     def force(self) -> Array:
         """Force of the ground on the feet, (instants, L, 3) [N]."""
-        return self.body.forces(self.state, self._left(self.state))
+        return self._contacts(self.state)[..., :3]
 
     @cached_property
     def target(self) -> Array:
         """b, (instants, 6) [N, N·m]."""
-        return self.body.target(self.state, self._left(self.state))
+        return self.body.target(self.state, self._contacts(self.state))
 
     @cached_property
     def contact(self) -> Array:

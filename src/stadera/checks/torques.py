@@ -123,7 +123,8 @@ class TrunkRows:
         E = np.moveaxis(self.state.to_wrench[:, J], 1, 2)
         effort = np.zeros_like(blocks.effort)
         effort[:, J] = torque
-        own, *moved = (body.by_leg(s, body.left(s, motion, effort)) for s in (self.state, *self.displaced))
+        states = (self.state, *self.displaced)
+        own, *moved = (body.contacts(s, body.left(s, motion, effort)) - s.inertial[:, :-1] for s in states)
         place = np.concatenate([np.arange(len(leg)) for leg in body.legs])
         by_joint = (np.array(moved)[place, :, body.leg_of[J]] - own[:, body.leg_of[J]].swapaxes(0, 1)) / self.step
         terms = motion.acceleration[:, J], q_rate, direction(q_rate), np.ones_like(q_rate)

@@ -69,7 +69,8 @@ def carried_shares(
     still, rest = np.zeros_like(position), np.zeros((len(position), 3))
     state = body.at(Motion(position, still, still, rest, rest, rest + GRAVITY * vertical, vertical))
     with np.errstate(invalid="ignore"):  # of legs so stretched that they feel nothing, left out below
-        force = body.forces(state, (state.torque - effort)[:, body.in_legs]) @ vertical / (robot.mass * GRAVITY)
+        contacts = body.contacts(state, (state.torque - effort)[:, body.in_legs])
+        force = contacts[..., :3] @ vertical / (robot.mass * GRAVITY)
     felt = np.abs(state.volume) > SINGULAR * robot.leg_length**3
     loads = np.where(felt, force, 0.0).sum(axis=0) / np.maximum(felt.sum(axis=0), 1)
     return {leg.name: float(loads[robot.legs.index(leg)]) for leg in recorded}

@@ -113,7 +113,8 @@ class SignalBaseline(StepEstimator):
         """A (6, 10) and b (6,) of a block, and its duration [s]."""
         motion, effort = self._motion(samples)
         state = self._body.at(motion)
-        target = self._body.target(state, self._body.left(state, motion, effort)).mean(axis=0)
+        contacts = self._body.contacts(state, self._body.left(state, motion, effort))
+        target = self._body.target(state, contacts).mean(axis=0)
         signals = trunk_signals(motion.specific_force.T, motion.angular_velocity.T, motion.angular_acceleration.T)
         return trunk_matrix(signals.mean(axis=-1)), target, float(samples.time[-1] - samples.time[1])
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import accumulate
 from typing import Any
 
 import numpy as np
@@ -76,17 +77,15 @@ class HalfWindows:
             "signals": trunk_signals(
                 motion.specific_force.T, motion.angular_velocity.T, motion.angular_acceleration.T
             ).T,
-            "target": body.target(state, left),
+            "target": body.target(state, contacts := body.contacts(state, left)),
             "jerk": (turning[2:] - 2.0 * turning[1:-1] + turning[:-2]) / (0.5 * span) ** 2,
             "joint": np.hstack([*terms, rate, left]),
             "by_rate": (E * rate[..., None]).sum(axis=1),
         }
         summed = window.sums(window.both, np.hstack([*parts.values()]))
         out: Sums = {}
-        end = 0
-        for name, part in parts.items():
-            begin, end = end, end + part.shape[1]
-            out[name] = summed[:, :2, begin:end]
+        for name, stop in zip(parts, accumulate(part.shape[1] for part in parts.values()), strict=True):
+            out[name] = summed[:, :2, stop - parts[name].shape[1] : stop]
         out["alternating"] = summed[:, 2:, : SIGNALS + 6]
         out["squared"] = window.sums(halves**2, (E * E * noise.torque[window.block][..., None]).sum(axis=1))
         out["by_terms"] = window.sums(halves, E[..., None] * np.stack([*terms, tau], axis=-1)[:, :, None])
@@ -95,8 +94,7 @@ class HalfWindows:
         end, begin, after = samples.time[window.edges[1:]], samples.time[window.edges[:-1] + 1], window.counts - 1
         step = np.where(after > 0, (end - begin) / np.maximum(after, 1), 0.02)
         out["omega"] = window.sums(window.mean, motion.angular_velocity)[:, 0]
-        force = body.forces(state, left)
-        out["air"] = self._lifted.legs(state, motion, force, sure, step, window.edges)
+        out["air"] = self._lifted.legs(state, motion, contacts[..., :3], sure, step, window.edges)
         out["stepping"] = self._lifted.stepping(state.pace, window.edges)
         out |= {"end": end, "averaged": window.averaged, "differentiated": window.differences / step**2}
         if self._limbs is not None:
@@ -135,11 +133,12 @@ class HalfWindows:
         h = state.torque.reshape(B, N, -1)
         h[:, first:, J] += (body.friction(motion.velocity[k], motion.velocity[k])[:, J] - tau[k])[:, None]
         left = np.ascontiguousarray(h[:, :, J]).reshape(B * N, -1)
-        b, leg = body.by_leg(state, left).reshape(B, N, -1, 6), body.leg_of[J]
-        by_trunk = body.target(state, left).reshape(B, N, 6)[:, :6]
+        contacts, leg = body.contacts(state, left), body.leg_of[J]
+        b = (contacts - state.inertial[:, :-1]).reshape(B, N, -1, 6)
+        by_trunk = body.target(state, contacts).reshape(B, N, 6)[:, :6]
         probes = np.concatenate([by_trunk, b[:, 6 + order, leg]], axis=1).swapaxes(1, 2)
         by_position = (b[:, first + 1 + order, leg] - b[:, first, leg]).swapaxes(1, 2) / _STEP
-        felt = np.add.reduceat(E[..., :3] * h[:, first, J, None], body.starts, axis=1)
-        by_contact = body.by_contact(E, axis, felt).transpose(0, 2, 1, 3).reshape(B, 6, -1)
+        force = contacts.reshape(B, N, -1, 6)[:, first, :, :3]
+        by_contact = body.by_contact(E, axis, force).transpose(0, 2, 1, 3).reshape(B, 6, -1)
         unfelt = state.unfelt.reshape(B, N, -1, 6)[:, first, self._unfelt].transpose(0, 2, 1)
         return probes, np.concatenate([by_position, by_contact, unfelt], axis=2)

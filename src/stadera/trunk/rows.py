@@ -159,7 +159,7 @@ class RowMaker:
         state = self.body.at(motion)
         if (flat := np.abs(state.volume) < self.flat).any():
             state.to_wrench[flat.any(axis=1)] = 0.0
-        return state.feet, self.body.forces(state, self.body.left(state, motion, effort))
+        return state.feet, self.body.contacts(state, self.body.left(state, motion, effort))[..., :3]
 
     def blocks(
         self,
