@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterator, Sequence
+from itertools import pairwise
 from math import inf
 from typing import NamedTuple
 
@@ -155,7 +156,7 @@ class Front:
             edges, begin = stretch.edges, 0
             while begin < len(edges) - 1:
                 some = edges[begin : begin + self.ahead + 1]
-                made = self.blocks(stretch.table[some[0] : some[-1] + 2], tuple(np.diff(some).tolist()))
+                made = self.blocks(stretch.table[some[0] : some[-1] + 2], tuple(b - a for a, b in pairwise(some)))
                 for each, end in zip(made, edges[begin + 1 :], strict=False):
                     yield self._counted(each)._replace(due=float(stretch.table[end + 1, 0]))
                 begin += len(made)

@@ -171,5 +171,5 @@ class Lately:
             self._known = keep * self._known + 1.0 - keep
             share, carried = (1.0 - keep) / self._known, turn[b] @ self._gravity
             struck = inf if share == 1.0 else 0.5 * GRAVITY  # the first block is all that is known
-            out[b] = self._gravity = carried + share * np.clip(force[b] - carried, -struck, struck)
+            out[b] = self._gravity = carried + share * np.minimum(np.maximum(force[b] - carried, -struck), struck)
         return out

@@ -181,7 +181,7 @@ class SampleBuffer:
         if self._step == inf:
             known = np.diff(time) if self._last == -inf else np.diff(time, prepend=self._last)
             self._step = float(np.median(known)) if len(known) else inf
-        steps = np.diff(time, prepend=self._last if self._last > -inf else time[0])
+        steps = np.diff(np.append(self._last if self._last > -inf else time[0], time))
         cuts = np.flatnonzero(steps > max(self._settings.lost * self._step, self._settings.bridged)).tolist()
         edges = sorted({0, *cuts, len(good)})
         self._last = float(time[-1])
