@@ -83,8 +83,8 @@ def standardised(walk: Walk, scale: float) -> np.ndarray:
         segment = drawn(walk, scale, seed)
         summed, sizes = RowSums.of((segment,), 5.0), Sizes(LAYOUT, TrunkSettings().size_spread)
         usual = Errors(model, swing, None, summed, LAYOUT.by_swing)
-        for _ in range(4 if summed.weight else 0):
-            sizes.update(*usual.evidence(summed, model, swing))
+        for _ in range(4 if summed.moved else 0):
+            sizes.update(*usual.evidence(swing))
         errors = Errors(model, swing, sizes.factors)
         std = np.sqrt(np.diag(errors.trunk_covariance(segment)))
         found.append(((segment.mean(errors.mean) - truth) / std)[:3])

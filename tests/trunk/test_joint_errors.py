@@ -150,7 +150,7 @@ def test_a_robot_at_rest_tells_nothing_of_its_model() -> None:
     both = RowSums.of((alone, resting), 10.0)
     np.testing.assert_allclose(both.in_motion, alone.remainder, rtol=1e-9, atol=1e-9)
     np.testing.assert_allclose(both.remainder, alone.remainder + resting.remainder, rtol=1e-9, atol=1e-9)
-    assert both.weight == 60.0
+    assert both.moved == 60.0
 
 
 @pytest.mark.parametrize("seed", range(5))

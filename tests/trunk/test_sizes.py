@@ -90,7 +90,7 @@ def test_evidence_is_that_by_which_errors_are_estimated() -> None:
     products = rows.T @ rows
     summed, swing = RowSums(products, products, 100.0, 10.0), SwingJoints(MODEL, SwingDetection())
     errors = Errors(MODEL, swing, None, summed)
-    normal, right = errors.evidence(summed, MODEL, swing)
+    normal, right = errors.evidence(swing)
     start = MODEL.covariance[learnt, learnt].copy()
     start[gain, gain] -= MODEL.variance[gain].mean() / LAYOUT.joints
     repeated = np.trace(start @ products[1:, 1:][learnt, learnt]) / np.trace(normal)

@@ -204,8 +204,8 @@ class ModelFit:
         rows, layout = history.total, self.model.layout
         usual = Errors(self.model, self.swing, self._usual, rows, layout.by_swing)
         self.fit = Fit.of(rows, usual)
-        if rows.weight:
-            self.sizes.update(*usual.evidence(rows, self.model, self.swing))
+        if rows.moved:
+            self.sizes.update(*usual.evidence(self.swing))
         self.errors = Errors(self.model, self.swing, self.sizes.factors, rows)
         laws = [layout.places[name] for name in ("rotor", "viscous", "coulomb")]
         front.know_joints(*(np.array([x[law] for law in laws]) for x in (self.errors.mean, self.errors.std)))

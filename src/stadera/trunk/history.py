@@ -210,20 +210,16 @@ class History:
         """Adds a block, and returns its rows with their weight; `errors` are p̂."""
         keep = exp(-made.elapsed / self._settings.memory)
         rows = self._with_limbs(self._weighting.weighted(made), errors)
-        felt = self.current.felt(rows)
-        rows = rows.weighing(self._slides(felt, self.current) * self._robust.weight(felt.columns, self.current, errors))
-        keeping = keep * self._kept(rows, self.current)
-        self._known.append(self.current.add(felt.weighing(rows.weight), keeping, louder=self.noise))
+        known, weight = self._with(self.current, rows, keep, self._robust, errors)
+        rows = rows.weighing(weight)
+        self._known.append(known)
         self.recent.append(rows)
         self.blocks += 1
         loaded = self.loaded
         if loaded is not None:
             self._unused -= 1
             if self._unused < 0:  # weighted by residuals from the present load: the estimate may be of the one before
-                felt = loaded.felt(rows)
-                weight = self._slides(felt, loaded) * self._since_tare.weight(felt.columns, loaded, errors)
-                keep *= self._kept(rows, loaded)
-                loaded = loaded.add(felt.weighing(weight), keep, louder=self.noise)
+                loaded, _ = self._with(loaded, rows, keep, self._since_tare, errors)
         self._loaded.append(loaded)
         if len(self.recent) > 2 * self._settings.changes.pending:
             self.recent.popleft()
@@ -276,11 +272,9 @@ class History:
         self._set((*self.finished[-3:], before))
         self._begin(self._widened(before, errors), (), None)
         for alone in self._of_one_load(recent[len(recent) - blocks + spoilt :]):
-            felt = self.current.felt(alone)
-            # weights were those of residuals from the earlier load
-            self.recent.append(alone.weighing(self._slides(felt, self.current)))
-            felt, kept = felt.weighing(self.recent[-1].weight), self._kept(alone, self.current)
-            self._known.append(self.current.add(felt, kept, louder=self.noise))
+            known_since, weight = self._with(self.current, alone)  # weights were by residuals from the earlier load
+            self.recent.append(alone.weighing(weight))
+            self._known.append(known_since)
             self._loaded.append(None)
         return known
 
@@ -304,17 +298,24 @@ class History:
                 loaded = loaded.add(row, louder=self.noise)
             self._loaded.append(loaded)
 
-    def _slides(self, rows: WeightedRows, known: Segment) -> float:
-        """Weight of a block by its joints' sliding, see `OutlierSettings`, unless friction is in its share
-        already (`Segment.felt`); one while the robot has only stood.
+    def _with(
+        self,
+        known: Segment,
+        rows: WeightedRows,
+        keep: float = 1.0,
+        robust: RobustWeights | None = None,
+        errors: Array | None = None,
+    ) -> tuple[Segment, float]:
+        """A segment with one more block, and the weight that this has there: by its residuals, and by its joints'
+        sliding, see `OutlierSettings`, unless friction is in its share already (`Segment.felt`).
         """
-        settings = self._settings.outliers
-        return 1.0 if rows.sliding >= settings.sliding or not known.moved else min(settings.held / rows.share, 1.0)
-
-    def _kept(self, rows: WeightedRows, known: Segment) -> float:
-        """Weight of what a robot showed that has only stood, once it moves."""
-        settings = self._settings.outliers
-        return settings.held if known.blocks and not known.moved and known.moves(rows) else 1.0
+        settings, felt = self._settings.outliers, known.felt(rows)
+        weight = 1.0 if robust is None or errors is None else robust.weight(felt.columns, known, errors)
+        if known.moved and rows.sliding < settings.sliding:
+            weight *= min(settings.held / felt.share, 1.0)
+        elif known.blocks and not known.moved and known.moves(rows):
+            keep *= settings.held  # what a robot showed that has only stood, once it moves
+        return known.add(felt.weighing(weight), keep, louder=self.noise), weight
 
     def _set(self, finished: tuple[Segment, ...]) -> None:
         self.finished = finished

@@ -86,7 +86,7 @@ class Errors:
         self.mean[by_swing], self.covariance[by_swing, by_swing] = joints, covariance
         self.covariance[gain, gain] -= variance[gain].mean() / self.layout.joints
         before, rest, by_rest = self.covariance.copy(), slice(learnt.stop, count), None
-        if rows is not None and rows.weight:
+        if rows is not None and rows.moved:
             by_rest = self._learn(_Root.of(covariance, np.sqrt(variance[learnt]), gain), rows, learnt)
         self._model, self._scale = model, scale
         before[stuck, stuck] = self.covariance[stuck, stuck] = self._held(model, swing, sticking)
@@ -105,7 +105,7 @@ class Errors:
     def _learn(self, root: _Root, rows: RowSums, learnt: slice) -> Array:
         """Updates mean and covariance of the errors that are estimated. Returns S M_c/σ², by these and the rest."""
         p = self.mean[learnt]
-        sums = [(rows.in_motion, 6.0 * rows.weight)]
+        sums = [(rows.in_motion, 6.0 * rows.moved)]
         if rows.limb_count:
             sums.append((rows.of_limbs, rows.limb_count))
         parts = [_Quadratic.of(each, p, root) for each, _ in sums]
@@ -124,11 +124,11 @@ class Errors:
         self.covariance[learnt, learnt] = S = inverse @ inverse.T
         return np.asarray(S @ self._weighed[1:, 1:][learnt, learnt.stop :])
 
-    def evidence(self, rows: RowSums, model: ErrorModel, swing: SwingJoints) -> tuple[Array, Array]:
+    def evidence(self, swing: SwingJoints) -> tuple[Array, Array]:
         """What loaded legs and legs in the air tell the errors before any row: A (learnt, learnt) and c (learnt,) of
         `stadera.trunk.sizes`.
         """
-        learnt, by_swing = self.layout.learnt, self.layout.by_swing
+        learnt, by_swing, model = self.layout.learnt, self.layout.by_swing, self._model
         normal, right = self._weighed[1:, 1:][learnt, learnt].copy(), self._weighed[1:, 0][learnt].copy()
         in_air = swing.information
         normal[by_swing, by_swing] += in_air[0]

@@ -51,6 +51,7 @@ from stadera.types import Array
 
 _KINDS = 3  # of residues: of blocks at rest, of blocks in motion, and of limbs
 _OF_LIMBS = 2
+_SUMMED = ("remainder", "in_motion", "moved", "white", "stepped", "limb_count", "of_limbs")  # over segments
 
 
 class Residues:
@@ -319,7 +320,7 @@ class RowSums:
     Attributes:
         remainder: see `Segment.remainder`, over all blocks. in_motion: the same over blocks in which the robot moves.
             of_limbs: the same of the limbs' rows.
-        weight: sum of the weights of the blocks in motion [1]. stepped: of those in which the robot walks.
+        moved: sum of the weights of the blocks in motion [1]. stepped: of those in which the robot walks.
         repeated: number of successive rows with the same error [1], which persists through a swing or a stance.
         limb_count: number of rows of the limbs.
         returning, strides: number of rows after which such errors have returned, so that further rows tell nothing new,
@@ -329,7 +330,7 @@ class RowSums:
 
     remainder: Array
     in_motion: Array
-    weight: float
+    moved: float
     repeated: float
     white: float = 0.0
     returning: float = inf
@@ -341,29 +342,15 @@ class RowSums:
     @classmethod
     def of(cls, segments: Sequence[Segment], repeated: float, returning: float = inf, strides: float = inf) -> RowSums:
         """Sums up segments of the same robot."""
-        first, *others = (
-            cls(
-                segment.remainder,
-                segment.in_motion,
-                segment.moved,
-                repeated,
-                segment.white,
-                returning,
-                strides,
-                segment.stepped,
-                segment.limb_count,
-                segment.of_limbs,
-            )
-            for segment in segments
-        )
-        return sum(others, first)
+        sums = ([getattr(each, name) for each in segments] for name in _SUMMED)
+        totals = {name: sum(more, first) for name, (first, *more) in zip(_SUMMED, sums, strict=True)}
+        return cls(repeated=repeated, returning=returning, strides=strides, **totals)
 
     def __add__(self, other: RowSums) -> RowSums:
-        names = ("remainder", "in_motion", "weight", "white", "stepped", "limb_count", "of_limbs")
-        return replace(self, **{name: getattr(self, name) + getattr(other, name) for name in names})
+        return replace(self, **{name: getattr(self, name) + getattr(other, name) for name in _SUMMED})
 
     @property
     def repeats(self) -> float:
         """Number of rows that share one error [1]."""
-        returned = (self.weight - self.stepped) / self.returning + self.stepped / self.strides
+        returned = (self.moved - self.stepped) / self.returning + self.stepped / self.strides
         return self.repeated * max(returned, 1.0)
