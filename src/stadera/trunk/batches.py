@@ -12,7 +12,7 @@ whole steps, and cancels between two loads; noise, impacts between samples, and 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
@@ -25,14 +25,14 @@ class Batches:
     """Aᵀ W times all columns, summed up over successive parts of the rows, at most 16 that grow with the log.
 
     Attributes:
-        parts: (10, columns) each, over their weight. weights: (n,), of their blocks [1]. The last one is not complete.
+        parts: (10, columns) each, over their weight. weights: of their blocks [1]. The last one is not complete.
         length: weight of a part as it was completed [1]; the first ones take half a second, as long as a step.
     """
 
     MOST: ClassVar = 16  # number of parts
 
     parts: tuple[Array, ...] = ()
-    weights: Array = field(default_factory=lambda: np.zeros(0))
+    weights: tuple[float, ...] = ()
     length: float = 25.0
 
     def add(self, columns: Array, weight: float, share: float, keep: float) -> Batches:
@@ -43,7 +43,7 @@ class Batches:
             keep: weight that everything before is left with.
         """
         product, own = weight * columns[:, :10].T @ columns, weight * share
-        parts, weights, length = self.parts, keep * self.weights, self.length
+        parts, weights, length = self.parts, [keep * each for each in self.weights], self.length
         if parts and self.weights[-1] < length:
             product += weights[-1] * parts[-1]
             own += weights[-1]
@@ -52,13 +52,13 @@ class Batches:
             # of a log longer than the memory, the oldest two have faded to less than one
             pairs = 1 if weights[0] + weights[1] < length else self.MOST // 2
             length = length if pairs == 1 else 2.0 * length
-            totals = weights[:, None, None] * parts
-            totals, weights = (
-                np.concatenate([each[: 2 * pairs : 2] + each[1 : 2 * pairs : 2], each[2 * pairs :]])
-                for each in (totals, weights)
+            both = [slice(k, k + 2) for k in range(0, 2 * pairs, 2)]
+            means = [np.average(parts[two], axis=0, weights=weights[two]) for two in both]
+            parts, weights = (
+                (*means, *parts[2 * pairs :]),
+                [*(sum(weights[two]) for two in both), *weights[2 * pairs :]],
             )
-            parts = tuple(totals / weights[:, None, None])
-        return Batches((*parts, product / own), np.append(weights, own), length)
+        return Batches((*parts, product / own), (*weights, own), length)
 
     def pulls(self, inverse: Array, combination: Array) -> tuple[Array, float]:
         """Pulls s (10, n) of the parts, and how many parts of equal weight would tell as much [1].
@@ -66,5 +66,6 @@ class Batches:
         Args:
             inverse: N⁻¹ (10, 10). combination: factors of the columns whose sum is the residual.
         """
-        total, squares = self.weights.sum(), self.weights @ self.weights
-        return inverse @ (self.weights[:, None] * (self.parts @ combination)).T, float(total**2 / max(squares, 1e-300))
+        weights, pulls = np.array(self.weights), self.parts @ combination
+        count = float(weights.sum() ** 2 / max(weights @ weights, 1e-300))
+        return inverse @ (weights[:, None] * pulls).T, count

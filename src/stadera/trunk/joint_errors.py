@@ -87,7 +87,7 @@ class Errors:
         self.covariance[gain, gain] -= variance[gain].mean() / self.layout.joints
         before, rest, by_rest = self.covariance.copy(), slice(learnt.stop, count), None
         if rows is not None and rows.moved:
-            by_rest = self._learn(_Root.of(covariance, np.sqrt(variance[learnt]), gain), rows, learnt)
+            by_rest = self._learn(_Root(root_of(covariance), np.sqrt(variance[learnt]), gain), rows, learnt)
         self._model, self._scale = model, scale
         before[stuck, stuck] = self.covariance[stuck, stuck] = self._held(model, swing, sticking)
         self.prior = before
@@ -128,13 +128,12 @@ class Errors:
         """What loaded legs and legs in the air tell the errors before any row: A (learnt, learnt) and c (learnt,) of
         `stadera.trunk.sizes`.
         """
-        learnt, by_swing, model = self.layout.learnt, self.layout.by_swing, self._model
+        learnt, by_swing = self.layout.learnt, self.layout.by_swing
         normal, right = self._weighed[1:, 1:][learnt, learnt].copy(), self._weighed[1:, 0][learnt].copy()
         in_air = swing.information
         normal[by_swing, by_swing] += in_air[0]
         right[by_swing] += in_air[1]
-        start, std = model.covariance[by_swing, by_swing], np.sqrt(model.variance[learnt])
-        root = _Root.of(start, std, self.layout.places["gain"])
+        root = _Root(swing.root, np.sqrt(self._model.variance[learnt]), self.layout.places["gain"])
         return root.after(root.after(normal).T), root.after(right[None])[0]
 
     def _held(self, model: ErrorModel, swing: SwingJoints, sticking: Array) -> Array:
@@ -295,11 +294,6 @@ class _Root:
     joints: Array
     std: Array
     gain: slice
-
-    @classmethod
-    def of(cls, joints: Array, std: Array, gain: slice) -> _Root:
-        """Of the covariance of the joints, and the standard deviations of all errors that are estimated."""
-        return cls(root_of(joints), std, gain)
 
     def after(self, rows: Array) -> Array:
         """rows L."""

@@ -42,7 +42,7 @@ class SwingJoints:
         settings: of swing rows.
 
     Attributes:
-        rows: number of rows so far, by their weights.
+        root: L (errors, errors) of the prior L Lᵀ. rows: number of rows so far, by their weights.
         stepped: [N·m] by joint, by how much the recorded torque has departed from the law that held at first,
             if an average over successive rows is beyond all usual ones and what is not known of that law, as after a
             jump of a torque sensor; else zero.
@@ -55,6 +55,7 @@ class SwingJoints:
         laws = [layout.places[name].start for name in ("rotor", "viscous", "coulomb", "load_friction", "offset")]
         self._at = np.array(laws)[:, None] + self._each
         prior = errors.covariance[layout.by_swing, layout.by_swing]
+        self.root = root_of(prior)
         self._prior = np.linalg.inv(prior + np.diag(np.where(np.diagonal(prior) > 0.0, 0.0, _NONE)))
         self._normal, self._right = np.zeros((count, count)), np.zeros(count)
         self._square, self.rows = 0.0, 0.0
