@@ -71,7 +71,7 @@ three samples a block, by 20 % with two, and fully with one (the window's respon
 """
 
 _OF_MOTION = 4  # the first of `TERMS`, which a joint that moves shows
-_UNIT = np.eye(3)
+_UNIT, _SIGNS = np.eye(3), np.array([[1.0], [-1.0]])
 _SQUARE = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])  # places of ω ωᵀ among its products
 
 
@@ -228,8 +228,7 @@ class RowMaker:
         # noise is not motion: a joint that moved beyond it does not stick, another shows no friction or rotor inertia
         speed, loud = joint[:, 1], sums["averaged"][:, None] * loud
         least = np.minimum(_MOVES**2 * loud, np.maximum(_BEYOND**2 * loud, loud + _SPEED**2))
-        slides = np.stack([joint[:, 2], -joint[:, 2]], axis=1) > _SLIDES
-        slides &= (speed**2 > least)[:, None]
+        slides = (joint[:, 2, None] * _SIGNS > _SLIDES) & (speed**2 > least)[:, None]
         if self._limbs is not None:
             of_limbs = sums["limb_motion"][..., 0]
             speed, least = np.hstack([speed, of_limbs]), np.hstack([least, np.full_like(of_limbs, _SLOW**2)])

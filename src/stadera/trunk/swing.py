@@ -230,17 +230,15 @@ class Lifted:
         parts = np.minimum(np.maximum(np.rint(n * step / self._part), 1), n).astype(np.int64)  # averages of each block
         each = zip(edges[:-1], parts, n, strict=True)
         begin = np.concatenate([edge + np.arange(count) * size // count for edge, count, size in each])
-        block, counts = np.repeat(np.arange(len(n)), parts), np.diff(np.append(begin, edges[-1]))[:, None]
-
-        def mean(values: Array) -> Array:
-            return np.asarray(np.add.reduceat(values, begin) / counts.reshape(-1, *[1] * (values.ndim - 1)))
-
+        block, counts = np.repeat(np.arange(len(n)), parts), np.diff(np.append(begin, edges[-1]))
         E, moved = state.to_wrench[:, J, :3], np.stack([motion.acceleration[:, J], motion.velocity[:, J], sure])
         torque = (self.known[:, None] * moved).sum(axis=0)
         variance = ((self.known_std[:, None] * moved) ** 2).sum(axis=0)
-        felt = mean(force + np.add.reduceat(E * torque[..., None], self._starts, axis=1))
-        unsure = mean(np.add.reduceat((E * E).sum(axis=2) * variance, self._starts, axis=1))
-        height, pace = mean(np.vecdot(state.feet, motion.normal[:, None])), mean(state.pace)
+        felt = force + np.add.reduceat(E * torque[..., None], self._starts, axis=1)
+        unsure = np.add.reduceat((E * E).sum(axis=2) * variance, self._starts, axis=1)
+        parted = np.dstack([felt, state.pace, unsure, np.vecdot(state.feet, motion.normal[:, None])])
+        mean = np.add.reduceat(parted, begin) / counts[:, None, None]
+        felt, pace, unsure, height = mean[..., :3], mean[..., 3:6], mean[..., 6], mean[..., 7]
         along = np.vecdot(felt, motion.normal[edges[:-1]][block, None])
         press, others = np.maximum(along, 0.0), 1.0 - np.eye(along.shape[1])
         pressed = np.maximum(press @ others, 1e-9)
