@@ -7,6 +7,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from stadera.checks import CheckLimits, diagnose
 from stadera.checks.instants import Instants
@@ -76,6 +77,22 @@ def test_a_joint_that_holds_nothing_may_be_only_noise(joint: str, accused: bool)
     effort[:, log.index(joint)] = np.random.default_rng(0).normal(0.0, 0.3, len(log))
     found = [f for f in window_faults(replace(log, effort=effort), robot) if f.message.endswith("is only noise")]
     assert [f.message for f in found] == (["the torque of 'left_knee_joint' is only noise"] if accused else [])
+
+
+@pytest.mark.parametrize(("degrees", "contradicts"), [(12.0, False), (20.0, True)])
+def test_forces_that_lean_as_friction_makes_them_in_a_walk_are_the_fits_to_explain(
+    degrees: float, contradicts: bool
+) -> None:
+    log, turn = swaying("hyq", 3), Rotation.from_euler("x", degrees, degrees=True).as_matrix()
+    assert log.imu is not None
+    leaning = replace(
+        log.imu,
+        linear_acceleration=log.imu.linear_acceleration @ turn,
+        angular_velocity=log.imu.angular_velocity @ turn,
+        orientation=None,
+    )
+    causes = [finding.cause for finding in diagnose(replace(log, imu=leaning), load_robot("hyq"))]
+    assert ("contradiction" in causes) == contradicts, causes
 
 
 def test_blocks_at_a_mechanical_stop_are_left_out() -> None:

@@ -18,7 +18,10 @@ class CheckLimits:
     lightest: float = 0.6
     heaviest: float = 2.2
     hanging: float = 0.15  # share of the robot's mass below which it is not on its feet
-    force_angle: float = radians(10.0)  # between the feet's forces and the accelerometer's vertical [rad]
+    # between the feet's forces and the accelerometer's vertical [rad]: sound walks of eight robots have up to 11°, as
+    # their stance legs' friction always pulls backwards. IMUs turned by 8 to 14° are found by the fit, which sees the
+    # motion too.
+    force_angle: float = radians(15.0)
     # between the feet's plane and the accelerometer's vertical [rad]; includes a slope
     plane_angle: float = radians(30.0)
     pull: float = 0.08  # apparent pull of a leg at the ground, as a share of the weight
