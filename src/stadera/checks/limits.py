@@ -115,16 +115,10 @@ class CheckLimits:
     step_span: float = 2.5
     step_side: float = 1.0
     step_every: float = 0.24  # time between tests [s]
-    # step_gain, step_gain_held: z² of a step above which it is one, less 2 ln of the number of tests, where most joints
-    # slide to both sides before and after, and elsewhere. Of 72 clean logs with drawn errors sways and trots stay below
-    # 15; crawls, in which static friction lasts, reach 39, and one 52.
+    # z² of a step above which it is one, less 2 ln of the number of tests. In 36 clean logs with drawn errors trots and
+    # sways reach 7.5, crawls 18.9, for all tests together.
     step_gain: float = 15.0
-    step_gain_held: float = 40.0
-    # step_slides: speed of a joint that slides [rad/s]; step_sliding: share of the instants in which it does so to each
-    # side; step_free: share of such joints. Sways and trots have 0.67 and more, most crawls 0.42 and less.
-    step_slides: float = 0.1
-    step_sliding: float = 0.05
-    step_free: float = 0.6
+    step_slides: float = 0.1  # speed below which static friction may hold a joint [rad/s]
     # step_least, offset_least: least size of a step, and of an offset all the time, as a share of the torque's limit;
     # such offsets of clean trots and crawls seem to be up to 0.12
     step_least: float = 0.03

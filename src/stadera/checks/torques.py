@@ -26,13 +26,13 @@ contradiction.
 **Steps.** An offset c of joint k that begins at t₀ adds E_k(t) c from then on, or all the time if it was there before.
 A load that comes at t₀ adds A(t) δ instead, δ its mass and first moment. Within some seconds around t₀,
 
-    A θ + [t > t₀] A δ + C p + [t > t₀] E_k c = b,
+    A θ + [t > t₀] A δ + C p + [t > t₀] (E_k c + Σ_j [|q̇_j| small] E_j s_j) = b,
 
 θ and δ are eliminated, p has its usual size, and c is as large as its standard deviation z times; z² is compared for
-all joints and times. Legs that swing tell c from a load: no foot in the air carries. A robot must move all the time: as
-it begins to move, friction lets go of all joints, which looks like a step. In a crawl it still does so of joints that
-hardly move while they stand. A push from outside that begins at t₀ adds a nearly constant force and moment, which an
-offset imitates: the two look alike.
+all joints and times. s_j is a change of the static friction that holds joint j while it hardly moves, as in a crawl's
+stance: hips of two legs may push against each other. Legs that swing tell c from a load: no foot in the air carries. A
+robot must move all the time: as it begins to, friction lets go of all joints, which looks like a step. A push from
+outside that begins at t₀ adds a nearly constant force and moment, which an offset imitates: the two look alike.
 """
 
 from __future__ import annotations
@@ -78,6 +78,7 @@ class TrunkRows:
     scale: Array  # (6, 1), the unit [N, N·m]
     root: Array  # (1 + p, 1 + p), of b, which it leaves, and root of the errors' covariance
     limit: Array  # (J,) [N·m], limits of the torques, by leg
+    held: Array  # (J,), standard deviation of a change of static friction from rest to rest, share of the limit
     step: ClassVar[float] = 1e-4  # rad, of the differences by joint positions
 
     @classmethod
@@ -113,6 +114,7 @@ class TrunkRows:
             scale,
             root,
             model.limit,
+            np.sqrt(2.0 * (1.0 - model.renewed)) * model.held * model.resting / model.limit,
         )
 
     def columns(self, order: Order) -> Array:
@@ -259,7 +261,7 @@ def torque_step(footing: Footing) -> tuple[Finding, float] | None:
     if rows is None or not spans:
         return None
     recorded = rows.columns(tuple(range(len(footing.robot.legs)))) @ rows.root
-    landed, least = _landed(rows, recorded, spans), 2.0 * np.log(len(spans))
+    landed, least = _landed(rows, recorded, spans), limits.step_gain + 2.0 * np.log(len(spans))
     found = {k: _tested(rows, recorded, landed, *spans[k]) for k in range(0, len(spans), 2)}
     if max(float(squares.max()) for squares, _ in found.values()) < least:
         return None
@@ -270,7 +272,7 @@ def torque_step(footing: Footing) -> tuple[Finding, float] | None:
     alike = [j for j in np.argsort(-squares) if squares[j] > squares[best] - limits.step_alike]
     if squares[best] < least or len(alike) > limits.step_alike_most:
         return None
-    z, size = float(squares[best]) + _needed(footing, span, at), f"{sizes[best] * rows.limit[best]:.3g} N·m"
+    z, size = float(squares[best]), f"{sizes[best] * rows.limit[best]:.3g} N·m"
     joints = [joint for leg in footing.robot.legs for joint in leg.joints]
     text = _said([joints[j] for j in alike], size, np.sqrt(z), lasting=bool(kind))
     return Finding("torque_step", text, at=None if kind else float(footing.blocks.time[span.start + at])), z
@@ -309,17 +311,6 @@ def _spans(footing: Footing) -> Iterator[tuple[slice, int]]:
             yield slice(begin, end), at - begin
 
 
-def _needed(footing: Footing, span: slice, at: int) -> float:
-    """z² of a step that usual errors of models do not reach, of one test alone: more where many joints hardly move, for
-    their friction may let go or turn.
-    """
-    limits, rate = footing.limits, footing.blocks.rate[span][:, footing.body.in_legs]
-    parts = rate[:at], rate[at:]
-    ways = [(sign * part > limits.step_slides).mean(axis=0) for part in parts for sign in (1.0, -1.0)]
-    sliding = np.min(ways, axis=0) > limits.step_sliding
-    return limits.step_gain if sliding.mean() > limits.step_free else limits.step_gain_held
-
-
 def _landed(rows: TrunkRows, recorded: Array, spans: Sequence[tuple[slice, int]]) -> int:
     """The instant from which on a load is likeliest in a stretch around it, by b and the errors' columns, `recorded`
     (6 n, 1 + p): to where it is tested, then to an instant. A load that lands at another time than a step is tested at
@@ -342,14 +333,15 @@ def _landed(rows: TrunkRows, recorded: Array, spans: Sequence[tuple[slice, int]]
 
 
 def _tested(rows: TrunkRows, recorded: Array, landed: int, span: slice, at: int) -> tuple[Array, Array]:
-    """z² beyond `_needed` (2, L k) and size (2, L k) as a share of the limit, of a step and of an offset all the time,
-    by joint; far below where they are small or the rows do not tell them from a load, and for all joints if the rows
-    fit badly.
+    """z² (2, L k) and size (2, L k) as a share of the limit, of a step and of an offset all the time, by joint; far
+    below where they are small or the rows do not tell them from a load, and for all joints if the rows fit badly.
     """
     limits, part, n = rows.footing.limits, slice(6 * span.start, 6 * span.stop), len(rows.limit)
     A, both, offset = rows.matrix[part], recorded[part], rows.steps[part]
     after, loaded = ((np.arange(len(A)) >= 6 * k)[:, None] for k in (at, landed - span.start))
-    columns, p = np.hstack([both, offset * after, offset]), both.shape[1]
+    rests = np.abs(rows.footing.blocks.rate[span][:, rows.footing.body.in_legs]) < limits.step_slides
+    errors = np.hstack([both, offset * after * rows.held * np.repeat(rests, 6, axis=0)])
+    columns, p = np.hstack([errors, offset * after, offset]), errors.shape[1]
     trunk = np.hstack([A, A[:, :4] * after, A[:, :4] * loaded])
     products = _less(columns, _explained(trunk, limits))
     fit = Likelihood.of(products[:p, :p], len(A) - trunk.shape[1], limits.order_repeated)
@@ -363,5 +355,5 @@ def _tested(rows: TrunkRows, recorded: Array, landed: int, span: slice, at: int)
     sizes = (along / left).reshape(2, n)
     seen = (left > limits.step_seen * (columns[:, p:] ** 2).sum(axis=0)).reshape(2, n)
     seen &= np.abs(sizes) > np.array([[limits.step_least], [limits.offset_least]])
-    squares = (along**2 / left / fit.variance).reshape(2, n) - _needed(rows.footing, span, at)
+    squares = (along**2 / left / fit.variance).reshape(2, n)
     return np.where(seen, squares, -np.inf), sizes
