@@ -13,6 +13,8 @@ from stadera import IdentificationError, TrunkEstimator, load_robot, weigh
 from stadera.cli import parse
 from stadera.inertia import InertialParameters
 from stadera.lab.plant.sensors import STANDARD
+from stadera.lab.scenarios.catalog import SimulateSettings
+from stadera.lab.scenarios.run import simulate
 from stadera.logs import Recording
 from stadera.trunk import Samples
 from stadera.trunk.error_model import ErrorModel
@@ -164,3 +166,18 @@ def test_online_it_may_come_at_any_time() -> None:
     assert late.payload is not None
     assert late.payload.mass == pytest.approx(early.payload.mass, rel=1e-4)
     assert late.trunk.mass_std == pytest.approx(early.trunk.mass_std, rel=0.02)
+
+
+def test_a_scale_tells_the_trunk_of_a_robot_on_flat_feet() -> None:
+    """Whose static friction, of which the rows tell two kinds together, changes with the load: the trunk's bar is that
+    of the scale and of the links' masses.
+    """
+    robot = load_robot("g1")
+    log = simulate(robot, "shake", SimulateSettings("real", duration=2.0, seed=7, hold=2)).recording
+    estimator = TrunkEstimator(robot)
+    estimator.add(Samples.of_recording(log, robot))
+    links = np.linalg.norm([ModelErrors().link_mass * robot.inertias[link].mass for link in robot.tree.links[1:]])
+    expected = pytest.approx(np.hypot(0.1, links), rel=0.1)
+    assert estimator.bars_on_scale(0.1)[1] == expected
+    estimator.know_weight(robot.mass, 0.1)
+    assert estimator.trunk.mass_std == expected

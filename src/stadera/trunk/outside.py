@@ -122,9 +122,8 @@ class Correction:
 
     def _own(self, trunk: Segment) -> Array:
         """Covariance (10, 10) of a trunk's error that no other trunk shares."""
-        at = self._errors.layout.changing_at
-        K = trunk.sensitivity[:, at]
-        changed = (1.0 - self._alike) * K @ self._errors.covariance[np.ix_(at, at)] @ K.T
+        K = trunk.sensitivity[:, self._errors.layout.changing_at]
+        changed = (1.0 - self._alike) * K @ self._errors.changing @ K.T
         return np.asarray(self._errors.of_rows(trunk, self._scatter) + changed)
 
     def _shared(self, weights: Weights) -> Array:
