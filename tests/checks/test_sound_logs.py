@@ -95,6 +95,13 @@ def test_forces_that_lean_as_friction_makes_them_in_a_walk_are_the_fits_to_expla
     assert ("contradiction" in causes) == contradicts, causes
 
 
+@pytest.mark.parametrize(("name", "seed"), [("go2", 3), ("a1", 4)])
+def test_a_slow_sway_that_any_order_of_legs_explains_as_well_has_none_swapped(name: str, seed: int) -> None:
+    """Its friction is larger than what the order of the legs changes."""
+    robot, settings = load_robot(name), SimulateSettings("real", duration=4.0, rate=250.0, seed=seed, hold=2)
+    assert diagnose(simulate(robot, "shake", settings).recording, robot) == ()
+
+
 def test_blocks_at_a_mechanical_stop_are_left_out() -> None:
     robot = load_robot("go2")
     log = simulate(robot, "shake", SimulateSettings("standard", duration=3.0, seed=2, hold=2)).recording

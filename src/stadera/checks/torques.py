@@ -15,6 +15,8 @@ k instants sharing one error. Another order than the recorded one is found where
 
 - it gains more than by chance in any of the orders, also without the second that it gains most in: swapped torques are
   wrong all the time, a load that lands or a push for a moment;
+- it gains as much over any other order: where several gain alike, what they gain is something else, such as friction of
+  a slow sway;
 - it explains the motion itself, with a residual s of a few per cent of the weight. Where neither order does, something
   else is wrong with the log or the model, and their difference tells nothing.
 
@@ -210,11 +212,12 @@ def swapped_in_motion(footing: Footing) -> tuple[Hypothesis, float] | None:
     recorded, counts = rows.by_second(own, alone)
     tried = torque_orders(footing.robot, limits.orders)
     others = {order: (rows.by_second(order, alone)[0], what) for order, what in tried}
-    order = min(others, key=lambda order: fitted(others[order][0], counts).cost)
-    seconds, best = others[order]
-    fit = fitted(seconds, counts)
+    fits = {order: fitted(products, counts) for order, (products, _) in others.items()}
+    order, *next_best = sorted(fits, key=lambda order: fits[order].cost)
+    (seconds, best), fit = others[order], fits[order]
     most, residual = fitted(recorded, counts).cost - fit.cost, 0.01 * np.sqrt(fit.variance / limits.order_repeated)
-    if most <= limits.order_gain or residual > limits.order_fits:
+    alike = bool(next_best) and fits[next_best[0]].cost - fit.cost <= limits.order_gain
+    if most <= limits.order_gain or alike or residual > limits.order_fits:
         return None
     for k in range(len(counts)):
         now, other = (fitted(np.delete(part, k, axis=0), np.delete(counts, k)) for part in (recorded, seconds))

@@ -149,6 +149,9 @@ def _check_request(request: Request, log: CheckedLog, others: list[CheckedLog]) 
         raise RecordingError(f"{source.source}: --at {at}: the log lacks the joints that carry it")
     if request.weight is not None:
         positive("a robot's weight on a scale", request.weight[0], "kg", IdentificationError)
+    if not isinstance(request.known, TestWeight | None):
+        what = type(request.known).__name__
+        raise IdentificationError(f"known: a stadera.weigh.TestWeight(mass, com) [kg, m], got {what}")
     _check_options(request, source.source)
     if method.needs_imu:
         for each in [log] if method.at_rest else [log, *others]:
