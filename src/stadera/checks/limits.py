@@ -101,7 +101,7 @@ class CheckLimits:
     order_repeated: float = 2.5  # number of successive instants that share one model error: a tenth of a second
     # -2 log of the likelihood's ratio, to the recorded order and to all others, above which the torques are those of
     # other legs: 2 ln(23 / 0.0001), one in ten thousand with 23 orders. Of 230 clean logs of 4 to 8 s with drawn
-    # errors, most of them sways, two exceed 20, none this; by the recorded order alone more than twelve would.
+    # errors, most of them sways, two exceed 20, one this, a squat; by the recorded order alone more than twelve would.
     order_gain: float = 25.0
     # residual of a row, share of the weight, up to which an order explains the motion. The right order leaves 0.6 to
     # 3.7 % on drawn robots that trot, crawl and sway, and 7 to 12 % on walks of a real Mini Cheetah, whose torques are
