@@ -213,11 +213,10 @@ def swapped_in_motion(footing: Footing) -> tuple[Hypothesis, float] | None:
     tried = torque_orders(footing.robot, limits.orders)
     others = {order: (rows.by_second(order, alone)[0], what) for order, what in tried}
     fits = {order: fitted(products, counts) for order, (products, _) in others.items()}
-    order, *next_best = sorted(fits, key=lambda order: fits[order].cost)
-    (seconds, best), fit = others[order], fits[order]
-    most, residual = fitted(recorded, counts).cost - fit.cost, 0.01 * np.sqrt(fit.variance / limits.order_repeated)
-    alike = bool(next_best) and fits[next_best[0]].cost - fit.cost <= limits.order_gain
-    if most <= limits.order_gain or alike or residual > limits.order_fits:
+    order, as_recorded = min(fits, key=lambda order: fits[order].cost), fitted(recorded, counts)
+    (seconds, best), fit = others[order], fits.pop(order)
+    gain = min(rival.cost for rival in (as_recorded, *fits.values())) - fit.cost
+    if gain <= limits.order_gain or 0.01 * np.sqrt(fit.variance / limits.order_repeated) > limits.order_fits:
         return None
     for k in range(len(counts)):
         now, other = (fitted(np.delete(part, k, axis=0), np.delete(counts, k)) for part in (recorded, seconds))
@@ -225,7 +224,7 @@ def swapped_in_motion(footing: Footing) -> tuple[Hypothesis, float] | None:
             return None
     pushed = rows.seconds(pushed=True)
     now, other = (fitted(*rows.by_second(each, pushed)) for each in (own, order))
-    return replace(best, known=now.cost - other.cost > limits.order_certain), most
+    return replace(best, known=now.cost - other.cost > limits.order_certain), as_recorded.cost - fit.cost
 
 
 def pushing_at_rest(footing: Footing) -> Iterator[str]:

@@ -160,7 +160,7 @@ class Errors:
     def shared(self, alike: float) -> Array:
         """Covariance (errors, errors) of errors under one load with those under another, see `alike`."""
         out = self.lasting.copy()
-        out[np.ix_(*2 * [self.layout.changing_at])] = alike * self.changing
+        out[np.ix_(*2 * [self.layout.changing_at])] = alike * self.of_changing
         return out
 
     def by_scale(self, sensitivity: Array) -> Array:
@@ -181,7 +181,7 @@ class Errors:
         return np.asarray(self._law * (sensitivity[:, self._friction] @ self.mean[self._friction]))
 
     @cached_property
-    def changing(self) -> Array:
+    def of_changing(self) -> Array:
         """Covariance (changing, changing) of errors that may change with the load, those of each name apart."""
         at, sizes = self.layout.changing_at, [place.stop - place.start for place in self.layout.changing]
         name = np.repeat(np.arange(len(sizes)), sizes)
@@ -191,14 +191,14 @@ class Errors:
         """Covariance of a segment's trunk parameters, (10, 10)."""
         K, changing = segment.sensitivity, segment.sensitivity[:, self.layout.changing_at]
         lasting = self.of_rows(segment, self.scatter) + K @ self.lasting @ K.T
-        return np.asarray(lasting + changing @ self.changing @ changing.T)
+        return np.asarray(lasting + changing @ self.of_changing @ changing.T)
 
     def load_covariance(self, load: Solved) -> Array:
         """Covariance of a load elsewhere than on the trunk, (n, n). Errors that may change with it do not cancel."""
         K, changing = load.sensitivity, load.sensitivity[:, self.layout.changing_at]
         total = self.of_rows(load, self.scatter) + K @ self.lasting @ K.T
         for part in (load.before, changing - load.before):
-            total += part @ self.changing @ part.T
+            total += part @ self.of_changing @ part.T
         return np.asarray(0.5 * (total + total.T))
 
     def alike(self, *loads: Segment) -> float:
@@ -224,7 +224,7 @@ class Errors:
         parts = (difference, alike), (first.sensitivity, 1.0 - alike), (second.sensitivity, 1.0 - alike)
         for K, share in parts:
             changing = K[..., self.layout.changing_at]
-            total += share * changing @ self.changing @ changing.mT
+            total += share * changing @ self.of_changing @ changing.mT
         return np.asarray(0.5 * (total + total.mT))
 
     def of_rows(self, segment: Segment | Solved, scatter: float = 0.0) -> Array:

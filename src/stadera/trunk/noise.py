@@ -106,13 +106,6 @@ def lower_quartile(differences: int) -> float:
     return float(2.0 * gammaincinv(0.5 * freedom, 0.25) / freedom)
 
 
-def _quartile(values: Array) -> Array:
-    """The lower quartile (...) of some values (n, ...)."""
-    low, between = divmod(0.25 * (len(values) - 1), 1.0)
-    below, above = np.sort(values, axis=0)[[int(low), int(np.ceil(low + between))]]
-    return np.asarray(below + between * (above - below))
-
-
 _BLOCKS = 25  # over which noise and motion of joints are taken: a joint that turns back is not one that stands
 
 
@@ -136,7 +129,7 @@ class Lately:
         usual, B = np.array([[lower_quartile(size - 1)] for size in sizes]), len(sizes)
         known = np.concatenate([self._squares, squares / usual]) if self._squares.size else squares / usual
         ends = range(len(known) - B + 1, len(known) + 1)
-        lately = [_quartile(known[max(end - _BLOCKS, 0) : end]) for end in ends]
+        lately = [np.quantile(known[max(end - _BLOCKS, 0) : end], 0.25, axis=0) for end in ends]
         self._squares = known[-(_BLOCKS - 1) :]
         return np.maximum(variance, lately)
 
@@ -171,5 +164,5 @@ class Lately:
             self._known = keep * self._known + 1.0 - keep
             share, carried = (1.0 - keep) / self._known, turn[b] @ self._gravity
             struck = inf if share == 1.0 else 0.5 * GRAVITY  # the first block is all that is known
-            out[b] = self._gravity = carried + share * np.minimum(np.maximum(force[b] - carried, -struck), struck)
+            out[b] = self._gravity = carried + share * np.clip(force[b] - carried, -struck, struck)
         return out

@@ -123,7 +123,7 @@ class Correction:
     def _own(self, trunk: Segment) -> Array:
         """Covariance (10, 10) of a trunk's error that no other trunk shares."""
         K = trunk.sensitivity[:, self._errors.layout.changing_at]
-        changed = (1.0 - self._alike) * K @ self._errors.changing @ K.T
+        changed = (1.0 - self._alike) * K @ self._errors.of_changing @ K.T
         return np.asarray(self._errors.of_rows(trunk, self._scatter) + changed)
 
     def _shared(self, weights: Weights) -> Array:

@@ -256,6 +256,5 @@ class Lifted:
             pace: (n, legs, 3) [m/s], velocities of the feet, the trunk's rotation taken out. edges: see `legs`.
         """
         mean = np.add.reduceat(pace, edges[:-1]) / np.diff(edges)[:, None, None]
-        ranked, legs = np.sort(mean, axis=1), mean.shape[1]
-        apart = mean - 0.5 * (ranked[:, (legs - 1) // 2, None] + ranked[:, legs // 2, None])  # from the median
+        apart = mean - np.median(mean, axis=1, keepdims=True)
         return np.asarray(((apart * apart).sum(axis=2) > self._fast).any(axis=1))

@@ -150,8 +150,8 @@ def _check_request(request: Request, log: CheckedLog, others: list[CheckedLog]) 
     if request.weight is not None:
         positive("a robot's weight on a scale", request.weight[0], "kg", IdentificationError)
     if not isinstance(request.known, TestWeight | None):
-        what = type(request.known).__name__
-        raise IdentificationError(f"known: a stadera.weigh.TestWeight(mass, com) [kg, m], got {what}")
+        got = type(request.known).__name__
+        raise IdentificationError(f"known takes a stadera.weigh.TestWeight(mass, com), got {got}")
     _check_options(request, source.source)
     if method.needs_imu:
         for each in [log] if method.at_rest else [log, *others]:
