@@ -102,6 +102,13 @@ def test_a_slow_sway_that_any_order_of_legs_explains_as_well_has_none_swapped(na
     assert diagnose(simulate(robot, "shake", settings).recording, robot) == ()
 
 
+def test_torques_by_which_a_squatting_robot_weighs_nothing_are_no_order_of_legs() -> None:
+    """Front and hind knees of an ANYmal bend towards each other: swapped, two legs pull as the others push."""
+    robot, settings = load_robot("anymal_c"), SimulateSettings("real", duration=4.5, rate=250.0, seed=61, hold=2)
+    log = simulate(robot, "squat", settings).recording
+    assert diagnose(log, robot) == ()
+
+
 def test_blocks_at_a_mechanical_stop_are_left_out() -> None:
     robot = load_robot("go2")
     log = simulate(robot, "shake", SimulateSettings("standard", duration=3.0, seed=2, hold=2)).recording

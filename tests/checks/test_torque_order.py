@@ -11,7 +11,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from stadera.checks import CheckLimits, torques
-from stadera.checks.diagnosis import late_imu
+from stadera.checks.diagnosis import _of_torques, late_imu
 from stadera.checks.hypotheses import Hypothesis
 from stadera.checks.instants import Instants
 from stadera.checks.residual import Footing
@@ -77,12 +77,21 @@ def test_nothing_is_found_in_a_clean_log(name: str, scenario: str, seed: int) ->
 @pytest.mark.parametrize("name", ["go2", "hyq"])
 def test_on_a_robot_that_sways_two_legs_with_swapped_torques_are_named(name: str, pair: tuple[str, str]) -> None:
     log, robot = swapped(log_of(name, "shake", 12), name, pair), load_robot(name)
-    (finding,) = [found for found in diagnose(log, robot) if found.fatal or found.cause == "contradiction"]
-    if finding.cause == "joint_order":
+    (finding,) = diagnose(log, robot)
+    if finding.cause in ("joint_order", "torque_order"):
         assert f"the torques of legs {pair[0]} and {pair[1]} are swapped" in finding.message
         assert finding.option.startswith("--columns MAP.toml")
     else:
         assert finding.cause == "contradiction"
+
+
+def test_another_order_that_a_push_explains_too_is_a_doubt() -> None:
+    log = swapped(log_of("go2", "shake", 12), "go2", ("LF", "LH"))
+    (finding,) = _of_torques(footing_of(log, "go2", CheckLimits(order_certain=1e6)), None)
+    assert finding.cause == "torque_order"
+    assert not finding.fatal
+    assert finding.mend is None
+    assert "or something pushes" in finding.message
 
 
 @pytest.mark.parametrize("pair", PAIRS[:2])

@@ -227,7 +227,8 @@ def _of_torques(footing: Footing, mount: ImuMount | None) -> Iterator[Finding]:
         odds = f"(likelihood higher by e^{0.5 * swapped[1]:.0f}, allowing for friction and other errors of models)"
         text = f"with them in the right order the trunk balances as it moves {odds}"
         pushed = "" if swapped[0].known else "; or something pushes or pulls the robot, which looks alike"
-        yield _named([swapped[0]], f"{text}{pushed}", mount)
+        named = _named([swapped[0]], f"{text}{pushed}", mount)
+        yield named if swapped[0].known else replace(named, cause="torque_order")
     elif step is not None:
         yield step[0]
     elif footing.lively <= footing.limits.lively_share:

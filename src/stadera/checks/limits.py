@@ -99,10 +99,9 @@ class CheckLimits:
     # least number of instants to test the order of the legs' torques, and whether the IMU is late
     order_fewest: int = 50
     order_repeated: float = 2.5  # number of successive instants that share one model error: a tenth of a second
-    # -2 log of the likelihood's ratio, to the recorded order and to all others, above which the torques are those of
-    # other legs: 2 ln(23 / 0.0001), one in ten thousand with 23 orders. Of 230 clean logs of 4 to 8 s with drawn
-    # errors, most of them sways, two exceed 20, one this, a squat; by the recorded order alone more than twelve would.
-    order_gain: float = 25.0
+    # -2 log of the likelihood's ratio, to the recorded order and to all others that are possible, above which the
+    # torques may be those of other legs: 2 ln(23 / 0.001), one in a thousand with 23 orders
+    order_gain: float = 20.0
     # residual of a row, share of the weight, up to which an order explains the motion. The right order leaves 0.6 to
     # 3.7 % on drawn robots that trot, crawl and sway, and 7 to 12 % on walks of a real Mini Cheetah, whose torques are
     # commands that lead the motion.
@@ -116,8 +115,9 @@ class CheckLimits:
     step_span: float = 2.5
     step_side: float = 1.0
     step_every: float = 0.24  # time between tests [s]
-    # z² of a step above which it is one, less 2 ln of the number of tests. In 36 clean logs with drawn errors trots and
-    # sways reach 7.5, crawls 18.9, for all tests together.
+    # z² of a step above which it is one, less 2 ln of the number of tests. The largest of 36 clean logs with drawn
+    # errors is 7.5 in trots and sways, and 18.9 in crawls, of which three have 24, 21, 10, 8 at most with `step_slides`
+    # of 0.03, 0.05, 0.2, 0.3.
     step_gain: float = 15.0
     step_slides: float = 0.1  # speed below which static friction may hold a joint [rad/s]
     # step_least, offset_least: least size of a step, and of an offset all the time, as a share of the torque's limit;

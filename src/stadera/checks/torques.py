@@ -13,6 +13,8 @@ eliminated, N equations with residual r remain, and with the noise's variance s�
 
 k instants sharing one error. Another order than the recorded one is found where
 
+- its forces are possible on average (`stadera.checks.statics`): with the torques of a front and a hind leg whose knees
+  bend the other way these two pull at the ground, and a robot of hardly any weight fits;
 - it gains more than by chance in any of the orders, also without the second that it gains most in: swapped torques are
   wrong all the time, a load that lands or a push for a moment;
 - it gains as much over any other order: where several gain alike, what they gain is something else, such as friction of
@@ -20,10 +22,10 @@ k instants sharing one error. Another order than the recorded one is found where
 - it explains the motion itself, with a residual s of a few per cent of the weight. Where neither order does, something
   else is wrong with the log or the model, and their difference tells nothing.
 
-It is certain if it also gains where a constant force and moment from outside, unknown in every second, may act. A robot
-at rest shows no order by this: there static friction varies more than the load. Two legs whose torques are swapped at
-rest push against each other, if the feet are not below the hips. Friction can hold that, so it is a doubt and not a
-contradiction.
+It is certain if it also gains where a constant force and moment from outside, unknown in every second, may act; else it
+is a doubt: a few of a hundred clean sways that are slow and short seem to have one. A robot at rest shows no order by
+this: there static friction varies more than the load. Two legs whose torques are swapped at rest push against each
+other, if the feet are not below the hips. Friction can hold that, so it is a doubt and not a contradiction.
 
 **Steps.** An offset c of joint k that begins at t₀ adds E_k(t) c from then on, or all the time if it was there before.
 A load that comes at t₀ adds A(t) δ instead, δ its mass and first moment. Within some seconds around t₀,
@@ -53,6 +55,7 @@ from stadera.checks.finding import Finding
 from stadera.checks.hypotheses import Hypothesis, Order, mirrors, torque_orders
 from stadera.checks.limits import CheckLimits
 from stadera.checks.residual import Footing
+from stadera.checks.statics import Consistency
 from stadera.inertia import skews
 from stadera.logs.mend import Mend
 from stadera.trunk.block_rows import unit_of_rows
@@ -211,7 +214,10 @@ def swapped_in_motion(footing: Footing) -> tuple[Hypothesis, float] | None:
     alone = rows.seconds()
     recorded, counts = rows.by_second(own, alone)
     tried = torque_orders(footing.robot, limits.orders)
-    others = {order: (rows.by_second(order, alone)[0], what) for order, what in tried}
+    possible = ((order, what) for order, what in tried if not Consistency.of(rows.footing.after(what.undo)).faults)
+    others = {order: (rows.by_second(order, alone)[0], what) for order, what in possible}
+    if not others:
+        return None
     fits = {order: fitted(products, counts) for order, (products, _) in others.items()}
     order, as_recorded = min(fits, key=lambda order: fits[order].cost), fitted(recorded, counts)
     (seconds, best), fit = others[order], fits.pop(order)

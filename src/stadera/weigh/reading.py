@@ -31,6 +31,7 @@ _UNITS = ("time_unit", "position_unit", "velocity_unit", "velocity_order", "gyro
 _VERDICTS: dict[str, Verdict] = {
     "contradiction": "bad",
     "not_on_feet": "bad",
+    "torque_order": "doubtful",
     "torque_step": "doubtful",
     "pushing": "doubtful",
     "no_gyro": "doubtful",
