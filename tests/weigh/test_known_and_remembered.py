@@ -80,7 +80,7 @@ def test_what_does_not_fit_is_said(log: Path, tmp_path: Path, run: Any) -> None:
     assert broken.read_text() == "{}"
     with pytest.raises(IdentificationError, match="since a tare"):
         weigh(HYQ, log, known=TestWeight(LOAD, PLACE))
-    with pytest.raises(IdentificationError, match=r"TestWeight\(mass, com\) \[kg, m\], got tuple"):
+    with pytest.raises(IdentificationError, match=r"stadera.weigh.TestWeight\(mass, com\), got tuple"):
         weigh(HYQ, log, known=(LOAD, PLACE))  # type: ignore[arg-type]
     with pytest.raises(IdentificationError, match="a test weight and a memory are used, by"):
         weigh(HYQ, log, method="contact", memory=Memory.none(HYQ))
