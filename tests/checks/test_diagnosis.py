@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 from stadera.checks import CheckLimits
 from stadera.checks.instants import Instants
 from stadera.checks.residual import Footing, Gain
-from stadera.checks.signals import gravity_findings
+from stadera.checks.signals import dropouts, gravity_findings
 from stadera.checks.statics import Consistency, Tilts
 from stadera.errors import RecordingError, UntrustedError
 from stadera.inertia import skew
@@ -24,6 +24,7 @@ from stadera.lab.scenarios.run import simulate
 from stadera.logs import Imu, Recording
 from stadera.logs.mend import GYRO, Mend
 from stadera.logs.recording import take
+from stadera.logs.sampling import sampling_of
 from stadera.robot import Robot, load_robot
 from stadera.robot.imu import ImuMount
 from stadera.weigh import diagnose, weigh
@@ -316,6 +317,16 @@ def test_gaps_in_time(hyq: Robot, clean: Recording) -> None:
     assert finding.cause == "dropout"
     assert "2 gaps" in finding.message
     assert "0.31 s at 1.490 s" in finding.message
+
+
+def test_samples_that_arrive_in_bursts_are_no_gaps() -> None:
+    """A Go2's messages over a network: stamped as they arrive, 1 ms apart, then none for a while."""
+    taken = 0.002 * np.arange(2000)
+    stamps = 0.016 * np.floor(taken / 0.016) + 0.001 * (np.arange(2000) % 8)
+    assert not list(dropouts(stamps))
+    assert sampling_of(stamps).rate_hz == pytest.approx(500.0, rel=0.01)
+    (finding,) = dropouts(np.delete(stamps, slice(800, 900)))
+    assert finding.message.startswith("1 gap in time")
 
 
 @pytest.mark.parametrize(("channel", "value"), [("effort", 0.0), ("position", None), ("velocity", None)])

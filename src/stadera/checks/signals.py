@@ -14,7 +14,7 @@ from stadera.constants import GRAVITY
 from stadera.errors import listed
 from stadera.logs.mend import ACCELEROMETER, Mend
 from stadera.logs.recording import Imu, Recording
-from stadera.logs.sampling import GAP_FACTOR
+from stadera.logs.sampling import GAP_FACTOR, usual_step
 from stadera.logs.units import FACTORS
 from stadera.robot.model import Leg, Robot
 from stadera.types import Array, Bools
@@ -195,7 +195,7 @@ def gravity_findings(imu: Imu, limits: CheckLimits) -> Iterator[Finding]:
 def dropouts(time: Array) -> Iterator[Finding]:
     """Finds gaps in time (samples,) [s]."""
     steps = np.diff(time)
-    wide = np.flatnonzero(steps > GAP_FACTOR * np.median(steps)) if len(steps) else np.empty(0, dtype=np.int64)
+    wide = np.flatnonzero(steps > GAP_FACTOR * usual_step(time)) if len(steps) else np.empty(0, dtype=np.int64)
     if len(wide):
         longest = wide[np.argmax(steps[wide])]
         yield Finding(

@@ -19,6 +19,19 @@ compared with the sampling rate; longer gaps would contain invented data.
 """
 
 
+_BURST = 25  # samples, more than arrive at once
+
+
+def usual_step(time: Array) -> float:
+    """Time between two samples (samples,) in the long run [s]: the median of the means over so many successive steps.
+
+    Samples that are stamped as they arrive, some at once and then none for a while, were taken at this period; no gap
+    stretches it.
+    """
+    among = min(_BURST, len(time) - 1)
+    return float(np.median(time[among:] - time[:-among])) / among
+
+
 @dataclass(frozen=True)
 class Sampling:
     """Sampling of a log."""
@@ -52,7 +65,7 @@ def sampling_of(time: Array, source: str = "recording", even_share: float = 0.99
     median = float(np.median(steps))
     alike = np.abs(steps - median) <= Sampling.tolerance * median
     even = float(alike.mean()) >= even_share
-    return Sampling(float(steps[alike if even else steps <= GAP_FACTOR * median].mean()), even)
+    return Sampling(float(steps[alike if even else steps <= GAP_FACTOR * usual_step(time[:HEAD])].mean()), even)
 
 
 @dataclass(frozen=True, eq=False)

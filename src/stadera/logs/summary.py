@@ -7,7 +7,7 @@ from itertools import chain
 import numpy as np
 
 from stadera.logs.recording import Recording
-from stadera.logs.sampling import GAP_FACTOR, HEAD
+from stadera.logs.sampling import GAP_FACTOR, HEAD, usual_step
 from stadera.logs.units import RECORDED
 from stadera.types import Array
 
@@ -19,7 +19,7 @@ class LogSummary:
     head: Recording  # its first samples, with its joints, channels and source
     samples: int
     end: float  # last time stamp [s]
-    period: float  # median step between the first stamps [s]
+    period: float  # usual step between the first stamps [s]
     uneven: float  # share of all steps that differ from the period by more than a tenth of it
     # steps of more than five periods: begin and duration of each [s]; the first 1000
     gaps: tuple[tuple[float, float], ...]
@@ -32,8 +32,7 @@ def summarize(chunks: Iterable[Recording], most_gaps: int = 1000) -> LogSummary:
     """Summarises consecutive chunks of one log, as `stream` gives them; `most_gaps` are listed, all are counted."""
     chunks = iter(chunks)
     head = next(chunks)
-    steps = np.diff(head.time[:HEAD])
-    period = float(np.median(steps)) if len(steps) else 0.0  # a stream of one sample ends with an error
+    period = usual_step(head.time[:HEAD]) if len(head) > 1 else 0.0  # a stream of one sample ends with an error
     last = float(head.time[0]) - period
     extremes: dict[str, tuple[Array, Array]] = {}
     notes: dict[str, None] = {}
