@@ -44,6 +44,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import islice
 from typing import ClassVar
 
 import numpy as np
@@ -211,26 +212,29 @@ def swapped_in_motion(footing: Footing) -> tuple[Hypothesis, float] | None:
         sized = rows.root.T @ products.sum(axis=0) @ rows.root
         return Likelihood.of(sized, int(counts.sum()), limits.order_repeated)
 
-    alone = rows.seconds()
-    recorded, counts = rows.by_second(own, alone)
-    tried = torque_orders(footing.robot, limits.orders)
-    possible = ((order, what) for order, what in tried if not Consistency.of(rows.footing.after(what.undo)).faults)
-    others = {order: (rows.by_second(order, alone)[0], what) for order, what in possible}
-    if not others:
+    hypotheses, alone = dict(torque_orders(footing.robot, limits.orders)), rows.seconds()
+    seconds = {order: rows.by_second(order, alone) for order in (own, *hypotheses)}
+    fits = {order: fitted(*each) for order, each in seconds.items()}
+    ranked = sorted(fits, key=lambda order: fits[order].cost)
+    if fits[own].cost - fits[ranked[0]].cost <= limits.order_gain:
         return None
-    fits = {order: fitted(products, counts) for order, (products, _) in others.items()}
-    order, as_recorded = min(fits, key=lambda order: fits[order].cost), fitted(recorded, counts)
-    (seconds, best), fit = others[order], fits.pop(order)
-    gain = min(rival.cost for rival in (as_recorded, *fits.values())) - fit.cost
-    if gain <= limits.order_gain or 0.01 * np.sqrt(fit.variance / limits.order_repeated) > limits.order_fits:
+
+    def possible(order: Order) -> bool:
+        return order == own or not Consistency.of(rows.footing.after(hypotheses[order].undo)).faults
+
+    best, rival, *_ = *islice(filter(possible, ranked), 2), own
+    fit = fits[best]
+    error = 0.01 * np.sqrt(fit.variance / limits.order_repeated)
+    if best == own or fits[rival].cost - fit.cost <= limits.order_gain or error > limits.order_fits:
         return None
-    for k in range(len(counts)):
-        now, other = (fitted(np.delete(part, k, axis=0), np.delete(counts, k)) for part in (recorded, seconds))
+    for k in range(len(alone)):
+        now, other = (fitted(*(np.delete(part, k, axis=0) for part in seconds[order])) for order in (own, best))
         if now.cost - other.cost <= 0.5 * limits.order_gain:
             return None
     pushed = rows.seconds(pushed=True)
-    now, other = (fitted(*rows.by_second(each, pushed)) for each in (own, order))
-    return replace(best, known=now.cost - other.cost > limits.order_certain), as_recorded.cost - fit.cost
+    now, other = (fitted(*rows.by_second(order, pushed)) for order in (own, best))
+    known = now.cost - other.cost > limits.order_certain
+    return replace(hypotheses[best], known=known), fits[own].cost - fit.cost
 
 
 def pushing_at_rest(footing: Footing) -> Iterator[str]:
