@@ -160,7 +160,8 @@ def test_a_fall_at_the_end_leaves_what_was_weighed_before_it() -> None:
     fallen = whole.time >= 3.0
     force = np.where(fallen[:, None], whole.imu.linear_acceleration[:, [2, 1, 0]], whole.imu.linear_acceleration)
     effort = np.where(fallen[:, None], -0.5 * whole.effort, whole.effort)
-    found = weigh(HYQ, replace(whole, effort=effort, imu=replace(whole.imu, linear_acceleration=force)), (0.0, 1.8))
+    falls = replace(whole, effort=effort, imu=replace(whole.imu, linear_acceleration=force))
+    found = weigh(HYQ, falls, (0.0, 1.8))
     until = weigh(HYQ, take(whole, whole.time < found.refusals[-1].begin), (0.0, 1.8))
     assert found.payload is not None
     assert until.payload is not None
@@ -170,6 +171,8 @@ def test_a_fall_at_the_end_leaves_what_was_weighed_before_it() -> None:
     assert (found.begin, found.end) == (whole.time[0], whole.time[-1])
     assert found.trust.verdict == "doubtful"
     assert "as in a fall" in found.trust.reasons[-1]
+    with pytest.raises(IdentificationError, match=r"0 to 3\.2 s, is not used after 2\.\d+ s: .* as in a fall"):
+        weigh(HYQ, falls, (0.0, 3.2))
 
 
 def test_a_fall_in_a_later_chunk_of_a_long_log(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -72,10 +72,10 @@ def weighed(request: Request, log: CheckedLog) -> Weighing:
     reading.read()
     if isinstance(request.tare, tuple) and not reading.tared:
         begin, end = (t - log.begin for t in request.tare)
-        raise IdentificationError(
-            f"{log.source.source}: the tare's time, {begin:g} to {end:g} s, lies outside the log, which is "
-            f"{log.end - log.begin:.3g} s long"
-        )
+        why = f"lies outside the log, which is {log.end - log.begin:.3g} s long"
+        if (event := log.event) is not None and event.begin < request.tare[1] <= log.end:
+            why = f"is not used after {event.begin - log.begin:.2f} s: {event.reason}"
+        raise IdentificationError(f"{log.source.source}: the tare's time, {begin:g} to {end:g} s, {why}")
     return reading.result()
 
 
