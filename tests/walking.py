@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from stadera.inertia import InertialParameters
 from stadera.lab.control.legs import foot_jacobians
-from stadera.lab.plant.sensors import SensorErrors, effort_limits
+from stadera.lab.plant.sensors import SensorErrors
 from stadera.logs import Imu, Recording
 from stadera.robot import Robot
 from stadera.robot.imu import ImuMount
@@ -102,7 +102,7 @@ def recorded(
     """What sensors with white and constant errors would have said of it; the IMU of the model, or another one."""
     rng = np.random.default_rng(seed)
     n = len(motion.time)
-    limit = effort_limits(robot)
+    limit = robot.effort_limits
     frame = None if mount is None else mount.name
     mount = mount or ImuMount.of(robot)
     omega, r = motion.angular_velocity, mount.translation

@@ -91,7 +91,7 @@ def test_an_error_that_hides_in_another_makes_it_no_less_known_than_that() -> No
     """A knee's offset, told to 0.1 N·m together with a weight of its link that is known to 0.3 N·m, is told to both;
     and what is told in common with it stays so.
     """
-    model = ErrorModel(hyq(), ModelErrors(alike=0.0), hyq().leg_length)
+    model = ErrorModel(hyq(), ModelErrors(alike=0.0))
     start, at = np.diag(model.variance), model.layout.places["offset"].start + 2
     viscous = model.layout.places["viscous"].start + 2
     rows, hidden = np.zeros((2, model.layout.count)), np.zeros(model.layout.count)

@@ -164,6 +164,14 @@ def test_legs_of_two_joints_are_legs_if_all_are(tmp_path: Path) -> None:
     assert "leg LF at joint 'lf_b' has 2 joints" in told
 
 
+def test_an_effort_limit_that_no_joint_of_its_size_has_is_none() -> None:
+    """Solo12's file states 1000 N·m, on a robot of 2.5 kg."""
+    solo, hyq = load_robot("solo12"), load_robot("hyq")
+    assert {solo.limits[joint].effort for joint in solo.tree.joints} == {1000.0}
+    np.testing.assert_allclose(solo.effort_limits, 9.80665 * solo.mass * solo.leg_length, rtol=1e-3)
+    assert hyq.effort_limits.tolist() == [hyq.limits[joint].effort for joint in hyq.tree.joints]
+
+
 def test_a_closed_loop_in_a_leg_is_refused(tmp_path: Path) -> None:
     """As of an ankle that a rod drives; a tie to the world holds the robot and closes none."""
     for tie, refused in (("LF_shank", True), ("world", False)):

@@ -20,7 +20,7 @@ from stadera.trunk.settings import ModelErrors, SwingDetection
 from stadera.trunk.swing import SwingJoints
 
 ROBOT = load_robot("hyq")
-MODEL = ErrorModel(ROBOT, ModelErrors(), 0.7)
+MODEL = ErrorModel(ROBOT, ModelErrors())
 SWING = SwingDetection()
 
 
@@ -57,7 +57,7 @@ def test_static_friction_is_as_large_as_friction_and_what_is_unknown_of_it() -> 
     """After swings: held² ((dry + mean)² + variance of Coulomb friction)."""
     joints = [joint for leg in ROBOT.legs for joint in leg.joints]
     dynamics = {joint: replace(ROBOT.dynamics[joint], coulomb=1.0) for joint in joints}
-    model = ErrorModel(ROBOT.with_dynamics(dynamics), ModelErrors(), 0.7)
+    model = ErrorModel(ROBOT.with_dynamics(dynamics), ModelErrors())
     swing = SwingJoints(model, SWING)
     terms = np.tile(np.array([[0.0], [1.0], [1.0], [0.0], [1.0]]), 12)
     swing.add(np.ones(4, dtype=bool), terms, np.zeros(12), np.zeros(12), np.full(12, 0.1), np.zeros(12))
@@ -70,7 +70,7 @@ def test_static_friction_is_as_large_as_friction_and_what_is_unknown_of_it() -> 
 
 def test_static_friction_of_legs_that_never_swing_is_as_large_as_the_prior_allows() -> None:
     dynamics = {j: replace(ROBOT.dynamics[j], coulomb=1.0) for leg in ROBOT.legs for j in leg.joints}
-    model = ErrorModel(ROBOT.with_dynamics(dynamics), ModelErrors(), 0.7)
+    model = ErrorModel(ROBOT.with_dynamics(dynamics), ModelErrors())
     found = Errors(model, SwingJoints(model, SWING))
     expected = ModelErrors().held ** 2 * (1.0 + model.variance[PLACES["coulomb"]])
     assert (model.variance[PLACES["coulomb"]] > 0.2).all()
@@ -105,7 +105,7 @@ def test_friction_beyond_its_law_is_a_share_of_what_it_corrects() -> None:
 
 def test_what_lasts_under_another_load_is_a_covariance() -> None:
     """Without what may change goes what other errors have in common with it."""
-    model = ErrorModel(ROBOT, ModelErrors(), 0.7)
+    model = ErrorModel(ROBOT, ModelErrors())
     rows = RowSums.of([summed(drawn(1, blocks=60, still=5))], 10.0)
     known = Errors(model, SwingJoints(model, SWING), rows=rows)
     own = np.sqrt(np.maximum(np.diag(known.covariance), 1e-300))

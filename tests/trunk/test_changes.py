@@ -29,7 +29,7 @@ SLIDING = SwingRows(np.zeros(12, dtype=bool), *[np.empty((0, 0))] * 4, np.ones((
 
 
 def errors(rows: RowSums | None = None, learnt: slice | None = None) -> Errors:
-    model = ErrorModel(ROBOT, ModelErrors(), 0.7)
+    model = ErrorModel(ROBOT, ModelErrors())
     return Errors(model, SwingJoints(model, SwingDetection()), None, rows, learnt)
 
 

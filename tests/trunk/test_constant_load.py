@@ -16,7 +16,7 @@ from stadera.trunk.segment import Segment
 from stadera.trunk.settings import ModelErrors, SwingDetection, TrunkSettings
 from stadera.trunk.swing import SwingJoints
 
-MODEL = ErrorModel(load_robot("hyq"), ModelErrors(), 0.7)
+MODEL = ErrorModel(load_robot("hyq"), ModelErrors())
 ERRORS_OF_IT = Errors(MODEL, SwingJoints(MODEL, SwingDetection()))
 BLOCKS = 120
 

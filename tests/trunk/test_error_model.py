@@ -328,7 +328,7 @@ def test_places_fill_the_vector() -> None:
 
 
 def test_drives_of_one_kind_are_alike() -> None:
-    model = ErrorModel(robot(), ModelErrors(), 0.7)
+    model = ErrorModel(robot(), ModelErrors())
     place = PLACES["coulomb"]
     block = model.covariance[place, place]
     std = np.sqrt(np.diag(block))
@@ -341,11 +341,9 @@ def test_drives_of_one_kind_are_alike() -> None:
 def test_identified_joints_are_as_uncertain_as_identified_and_may_drift() -> None:
     model, sizes = load_robot("hyq"), ModelErrors()
     leg = model.legs[1]
-    usual = ErrorModel(model, sizes, 0.7)
+    usual = ErrorModel(model, sizes)
     values, std = JointDynamics(0.1, 1.0, 3.0, -2.0), JointDynamics(0.04, 0.05, 0.4, np.nan)
-    known = ErrorModel(
-        model.with_dynamics(dict.fromkeys(leg.joints, values), dict.fromkeys(leg.joints, std)), sizes, 0.7
-    )
+    known = ErrorModel(model.with_dynamics(dict.fromkeys(leg.joints, values), dict.fromkeys(leg.joints, std)), sizes)
     before, after = (
         {name: np.sqrt(errors.variance[PLACES[name]]) for name in ("rotor", "viscous", "coulomb", "offset")}
         for errors in (usual, known)
@@ -362,17 +360,15 @@ def test_identified_joints_are_as_uncertain_as_identified_and_may_drift() -> Non
         assert not between.any()
         np.testing.assert_array_equal(known.covariance[place, place][:3, 6:], usual.covariance[place, place][:3, 6:])
     wide = JointDynamics(9.0, 9.0, 99.0, 99.0)
-    same = ErrorModel(
-        model.with_dynamics(dict.fromkeys(leg.joints, values), dict.fromkeys(leg.joints, wide)), sizes, 0.7
-    )
+    same = ErrorModel(model.with_dynamics(dict.fromkeys(leg.joints, values), dict.fromkeys(leg.joints, wide)), sizes)
     np.testing.assert_array_equal(same.variance[: PLACES["gain"].start], usual.variance[: PLACES["gain"].start])
 
 
 def test_friction_that_a_file_states_may_be_a_simulators() -> None:
     robot, sizes = load_robot("go2"), ModelErrors()
-    leg, usual = robot.legs[0], ErrorModel(robot, ModelErrors(), 0.4)
+    leg, usual = robot.legs[0], ErrorModel(robot, ModelErrors())
     stable = JointDynamics(armature=0.1, viscous=2.0, coulomb=0.01, offset=0.0)
-    model = ErrorModel(robot.with_dynamics(dict.fromkeys(leg.joints, stable), {}), sizes, 0.4)
+    model = ErrorModel(robot.with_dynamics(dict.fromkeys(leg.joints, stable), {}), sizes)
     for name, stated in (("rotor", 0.1), ("viscous", 2.0)):
         np.testing.assert_allclose(np.sqrt(model.variance[PLACES[name]][:3]), sizes.stated * stated)
         np.testing.assert_array_equal(model.variance[PLACES[name]][3:], usual.variance[PLACES[name]][3:])
@@ -381,7 +377,7 @@ def test_friction_that_a_file_states_may_be_a_simulators() -> None:
 
 def test_gears_of_arms_have_more_friction() -> None:
     sizes, robot = ModelErrors(), load_robot("b1_z1")
-    model = ErrorModel(robot, sizes, robot.leg_length)
+    model = ErrorModel(robot, sizes)
     std = {name: np.sqrt(model.variance[place]) for name, place in model.layout.places.items()}
     for name in ("viscous", "coulomb"):
         np.testing.assert_allclose(std[name], getattr(sizes, name) * model.limit)
@@ -396,7 +392,7 @@ def test_gears_on_flat_feet_may_be_of_either_kind() -> None:
     flat = replace(robot, legs=tuple(replace(leg, contact=6) for leg in robot.legs))
     joint = robot.legs[0].joints[0]
     known = flat.with_dynamics({joint: DYNAMICS}, {joint: JointDynamics(1e-3, 1e-3, 1e-3, 1e-3)})
-    point, both, found = (ErrorModel(each, sizes, robot.leg_length) for each in (robot, flat, known))
+    point, both, found = (ErrorModel(each, sizes) for each in (robot, flat, known))
     place, held = point.layout.places["coulomb"], point.layout.places["stiction"]
     np.testing.assert_allclose(both.variance[place], sizes.gears**2 * point.variance[place])
     np.testing.assert_allclose(both.variance[held], point.variance[held])

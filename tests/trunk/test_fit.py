@@ -49,7 +49,7 @@ def rows(walk: Walk) -> tuple[tuple[WeightedRows, ...], ErrorModel, float]:
     blocks = maker.blocks(s, sizes, maker.motion(s)._replace(normal=at), trunk, squares)[0]
     weighting = Weighting(unit_of_rows(ROBOT))
     made = [weighting.weighted(block) for block in blocks if block is not None]
-    return tuple(made), ErrorModel(ROBOT, ModelErrors(), length), length
+    return tuple(made), ErrorModel(ROBOT, ModelErrors()), length
 
 
 def prior(length: float) -> Segment:

@@ -16,12 +16,12 @@ from stadera.trunk.segment import RowSums, Segment
 from stadera.trunk.settings import ModelErrors, SwingDetection
 from stadera.trunk.swing import SwingJoints
 
-MODEL = ErrorModel(load_robot("hyq"), ModelErrors(), 0.7)
+MODEL = ErrorModel(load_robot("hyq"), ModelErrors())
 
 
 def test_rows_of_a_robot_that_never_lifted_a_leg_do_not_say_that_its_joints_cannot_stick() -> None:
     """Noise that passes for sliding in all directions would show no friction at all, and very surely."""
-    model = ErrorModel(load_robot("hyq"), ModelErrors(), 0.7)
+    model = ErrorModel(load_robot("hyq"), ModelErrors())
     remainder = np.zeros((1 + ERRORS, 1 + ERRORS))
     coulomb = np.arange(PLACES["coulomb"].start, PLACES["coulomb"].stop)
     remainder[1 + coulomb, 1 + coulomb] = 1e6
@@ -39,7 +39,7 @@ def test_joints_whose_friction_is_known_stick_all_the_same(moved: bool) -> None:
     robot = load_robot("hyq")
     joints = [joint for leg in robot.legs for joint in leg.joints]
     known = robot.with_dynamics({joint: replace(robot.dynamics[joint], coulomb=5.0) for joint in joints})
-    model = ErrorModel(known, ModelErrors(coulomb=1e-3, stated=0.0), 0.7)
+    model = ErrorModel(known, ModelErrors(coulomb=1e-3, stated=0.0))
     swing = SwingJoints(model, SwingDetection())
     if moved:
         terms = np.tile(np.array([[0.0], [1.0], [1.0], [0.0], [1.0]]), 12)

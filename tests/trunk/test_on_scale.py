@@ -41,9 +41,7 @@ def summed(seed: int) -> Segment:
 @pytest.mark.parametrize("alike", [0.0, 0.8])
 def test_it_is_gaussian_conditioning(alike: float) -> None:
     """Against the joint covariance of trunk then, trunk now and what the scale says, built up densely."""
-    errors = Errors(
-        ErrorModel(HYQ, ModelErrors(), 0.7), SwingJoints(ErrorModel(HYQ, ModelErrors(), 0.7), SwingDetection())
-    )
+    errors = Errors(ErrorModel(HYQ, ModelErrors()), SwingJoints(ErrorModel(HYQ, ModelErrors()), SwingDetection()))
     then, now, links = summed(1), summed(2), np.zeros(ERRORS)
     links[PLACES["link_mass"]] = 2.0
     told = Correction(

@@ -16,7 +16,7 @@ from stadera.trunk.sizes import KINDS, Sizes
 from stadera.trunk.swing import SwingJoints
 
 SPREAD = 0.55
-MODEL = ErrorModel(load_robot("hyq"), ModelErrors(), 0.7)
+MODEL = ErrorModel(load_robot("hyq"), ModelErrors())
 LEARNT = LAYOUT.learnt.stop
 
 

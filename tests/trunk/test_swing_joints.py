@@ -36,7 +36,7 @@ def robot() -> Robot:
 def swung(blocks: int, noise: float, wild: float = 0.0, seed: int = 0) -> SwingJoints:
     """Two legs that swing, friction and rotors alike, torques late."""
     rng = np.random.default_rng(seed)
-    swing = SwingJoints(ErrorModel(robot(), ModelErrors(), 0.7), SwingDetection())
+    swing = SwingJoints(ErrorModel(robot(), ModelErrors()), SwingDetection())
     for k in range(blocks):
         phase = 0.4 * k + np.arange(12)
         velocity, acceleration = 3.0 * np.cos(phase), 60.0 * np.sin(1.7 * phase)
@@ -81,7 +81,7 @@ def test_legs_that_never_swung_share_what_others_showed() -> None:
 def test_what_holds_a_joint_that_sticks_is_neither_its_offset_nor_its_friction() -> None:
     """Of joints that slide half of the time and else tremble, held by friction against the same push."""
     rng = np.random.default_rng(0)
-    swing = SwingJoints(ErrorModel(robot(), ModelErrors(), 0.7), SwingDetection())
+    swing = SwingJoints(ErrorModel(robot(), ModelErrors()), SwingDetection())
     for k in range(400):
         phase = 0.4 * k + np.arange(12)
         slides = k % 20 < 10
@@ -106,7 +106,7 @@ def test_what_holds_a_joint_that_sticks_is_neither_its_offset_nor_its_friction()
 def test_what_a_log_s_beginning_does_not_tell_is_no_torque_that_changed() -> None:
     """Joints that swing evenly at first do not show the inertia of their rotors."""
     rng = np.random.default_rng(0)
-    model, none = ErrorModel(robot(), ModelErrors(), 0.7), np.zeros(12)
+    model, none = ErrorModel(robot(), ModelErrors()), np.zeros(12)
     rotor = np.sqrt(np.diag(model.covariance)[PLACES["rotor"]])
     swing = SwingJoints(model, SwingDetection())
     for k in range(120):
@@ -120,7 +120,7 @@ def test_what_a_log_s_beginning_does_not_tell_is_no_torque_that_changed() -> Non
 
 
 def test_nothing_in_the_air_leaves_the_prior() -> None:
-    model = ErrorModel(robot(), ModelErrors(), 0.7)
+    model = ErrorModel(robot(), ModelErrors())
     mean, covariance = SwingJoints(model, SwingDetection()).posterior(np.full(LAYOUT.by_swing.stop, 0.5))
     assert not mean.any()
     np.testing.assert_allclose(covariance, 0.25 * model.covariance[:61, :61], rtol=1e-6)

@@ -90,7 +90,7 @@ class TrunkRows:
     @classmethod
     def of(cls, footing: Footing) -> TrunkRows | None:
         """The rows of a log with an IMU; None of others."""
-        robot, b, body, length = footing.robot, footing.blocks, footing.body, footing.robot.leg_length
+        robot, b, body = footing.robot, footing.blocks, footing.body
         if not b.complete or b.angular_velocity is None:
             return None
         omega, alpha, a = b.angular_velocity, b.slopes(b.angular_velocity), footing.at_origin
@@ -105,7 +105,7 @@ class TrunkRows:
         A = (TRUNK_MAP @ trunk_signals(a.T, omega.T, alpha.T)).T.reshape(-1, 6, 10) / scale
         state = body.at(motion)
         hidden = state.unfelt.swapaxes(1, 2) * robot.unfelt_std / scale
-        model = ErrorModel(robot, ModelErrors(), length)
+        model = ErrorModel(robot, ModelErrors())
         chosen = model.layout.at(*_ERRORS)
         root = np.eye(1 + len(chosen))
         root[1:, 1:] = np.linalg.cholesky(model.covariance[np.ix_(chosen, chosen)])

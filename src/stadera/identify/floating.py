@@ -58,7 +58,7 @@ class KnownLegs:
     @classmethod
     def by(cls, memory: Memory, robot: Robot) -> KnownLegs:
         """What a memory of the robot tells."""
-        errors, n = ErrorModel(robot, ModelErrors(), robot.leg_length), len(memory.known) - 1
+        errors, n = ErrorModel(robot, ModelErrors()), len(memory.known) - 1
         places, std = errors.layout.at(*OF_ROBOT)[:n], np.sqrt(errors.variance)
         within = np.ix_(places, places)
         covariance, mean = np.diag(errors.variance), np.zeros(errors.layout.count)
@@ -184,11 +184,7 @@ def remembered(
         days: time of the logs, days since 1970; NaN if unknown.
         legs: prior and information of each leg, in units of its noise.
     """
-    errors, every, total = (
-        ErrorModel(robot, ModelErrors(), robot.leg_length),
-        _Columns.of(robot),
-        Memory.none(robot).known,
-    )
+    errors, every, total = ErrorModel(robot, ModelErrors()), _Columns.of(robot), Memory.none(robot).known
     names = dict(zip(errors.layout.at(*OF_ROBOT).tolist(), total.names, strict=True))
     for prior, known in legs:
         kept = [k for k, name in enumerate(every.columns) if name in prior.columns]

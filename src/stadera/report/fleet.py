@@ -269,7 +269,7 @@ def _remembered(rows: Sequence[LogRow], known: tuple[Robot, Memory] | None) -> d
     if known is None:
         return {"apart": apart, "memory": None}
     robot, memory = known
-    found, model = memory.marginals(), ErrorModel(robot, ModelErrors(), robot.leg_length)
+    found, model = memory.marginals(), ErrorModel(robot, ModelErrors())
     body = []
     for k, joint in enumerate(joint for leg in robot.legs for joint in leg.joints):
         cells = []

@@ -245,6 +245,15 @@ class Robot:
         bounds = np.array([leg.unfelt_bound for leg in self.legs])
         return np.asarray(GRAVITY * self.mass / np.sqrt(3.0) * bounds)
 
+    @cached_property
+    def effort_limits(self) -> Array:
+        """Of the legs' joints, (joints,) [N·m]; where the model has none, or a placeholder, the torque that carries the
+        robot's weight on one stretched leg.
+        """
+        given = np.array([self.limits[joint].effort for joint in self.tree.joints])
+        largest = GRAVITY * self.mass * self.leg_length
+        return np.where(given < 2.0 * largest, given, largest)
+
     @property
     def hips(self) -> Array:
         """Origins of the legs' first joints in the trunk frame [m], (legs, 3)."""

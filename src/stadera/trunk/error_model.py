@@ -175,12 +175,10 @@ class ErrorModel:
     Args:
         robot: provides effort limits and sizes.
         sizes: standard deviations.
-        length: of a leg [m].
 
     Attributes:
         layout: places of the errors.
-        limit: (joints,) effort limits by leg and joint [N·m]; where the model has none, the torque that carries the
-            robot's weight on one stretched leg.
+        limit: (joints,) `Robot.effort_limits` by leg and joint [N·m].
         dry: (joints,) Coulomb friction that the robot's model has [N·m]; the errors are beyond it, static friction is
             not. resting: (joints,) [N·m], what bounds static friction before any row.
         drift: (joints,), standard deviation of the torques' offsets under one load from their mean of all [N·m].
@@ -188,16 +186,15 @@ class ErrorModel:
         held, renewed, friction_law: as in `ModelErrors`.
     """
 
-    def __init__(self, robot: Robot, sizes: ModelErrors, length: float) -> None:
+    def __init__(self, robot: Robot, sizes: ModelErrors) -> None:
         self.layout, self.held, self.renewed = ErrorLayout.of(robot), sizes.held, sizes.renewed
         self.friction_law = sizes.friction_law
-        joints, largest = [joint for leg in robot.legs for joint in leg.joints], GRAVITY * robot.mass * length
-        given = np.array([robot.limits[joint].effort for joint in joints])
-        self.limit = np.where(given < 2.0 * largest, given, largest)
+        joints = [joint for leg in robot.legs for joint in leg.joints]
+        self.limit = robot.effort_limits[[robot.tree.joints.index(joint) for joint in joints]]
         self.drift = sizes.drift / np.sqrt(2.0) * self.limit
         self.dry = np.abs([robot.dynamics[joint].coulomb for joint in joints])
         leg_mass = sum(robot.inertias[link].mass for leg in robot.legs for link in leg.links) / len(robot.legs)
-        rotor, limb = sizes.rotor * leg_mass * length**2, limb_limits(robot)
+        rotor, limb = sizes.rotor * leg_mass * robot.leg_length**2, limb_limits(robot)
         legs = _of_drives(sizes, self.limit, np.full(len(joints), rotor), sizes.gears if self.layout.flat else 1.0)
         for name, term in {"rotor": "armature", "viscous": "viscous", "coulomb": "coulomb"}.items():
             stated = np.abs([getattr(robot.dynamics[joint], term) for joint in joints])

@@ -175,7 +175,7 @@ class ModelFit:
 
     def __init__(self, robot: Robot, settings: TrunkSettings) -> None:
         self._robot, self._settings = robot, settings
-        self.model = ErrorModel(robot, settings.model, robot.leg_length)
+        self.model = ErrorModel(robot, settings.model)
         self.swing = SwingJoints(self.model, settings.swing)
         self.errors = Errors(self.model, self.swing)
         self.sizes = Sizes(self.model.layout, settings.size_spread)

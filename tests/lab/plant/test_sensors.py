@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from stadera.errors import ModelError
+from stadera.constants import GRAVITY
 from stadera.lab.plant.plant import Plant
 from stadera.lab.plant.sensors import (
     HARSH,
@@ -204,9 +204,7 @@ def test_imu_frame_of_the_contract(hyq: Robot) -> None:
     assert ImuMount.of(replace(hyq, frames=two)).name == hyq.trunk
 
 
-def test_bad_errors_are_named(hyq: Robot) -> None:
+def test_torque_errors_of_a_robot_without_effort_limits_are_those_of_its_weight(hyq: Robot) -> None:
     unlimited = replace(hyq, limits={joint: JointLimits() for joint in hyq.tree.joints})
-    with pytest.raises(ModelError, match="has no effort limit"):
-        Sensors(STANDARD, 0, unlimited)
-    with pytest.raises(ModelError, match="has no effort limit"):
-        plant_model(unlimited, HARSH)
+    friction = [plant_model(unlimited, HARSH).dynamics[joint].coulomb for joint in hyq.tree.joints]
+    np.testing.assert_allclose(friction, HARSH.friction * GRAVITY * hyq.mass * hyq.leg_length)

@@ -11,7 +11,6 @@ from scipy.spatial.transform import Rotation
 
 from stadera.lab.plant.model import DryFriction
 from stadera.lab.plant.plant import Plant
-from stadera.lab.plant.sensors import effort_limits
 from stadera.lab.plant.world import TrueState
 from stadera.lab.reality.draw import REAL_SETS, DrawnRobot, RealSizes, drawn
 from stadera.lab.reality.log import TrueMotion, measured_log
@@ -147,7 +146,7 @@ def test_what_varies_is_drawn_beside_all_else_and_is_in_the_log() -> None:
     assert v is not None
     assert 80.0 <= v.lowpass <= 260.0
     assert 0.0 <= v.jitter <= 0.002
-    assert (np.abs(v.drift) <= 0.003 * effort_limits(GO2)).all()
+    assert (np.abs(v.drift) <= 0.003 * GO2.effort_limits).all()
     draw = replace(real, noise=0.0, quantum=None, lost=0.0, spikes=0.0)
     motion = TrueMotion.of(thrown(GO2, 400)[0], GO2)
     plain = measured_log(motion, GO2, replace(draw, varying=None), 0, 1000.0)

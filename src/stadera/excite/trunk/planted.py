@@ -239,7 +239,7 @@ class Drawn:
     """
 
     def __init__(self, robot: Robot, rng: np.random.Generator) -> None:
-        model = ErrorModel(robot, ModelErrors(), robot.leg_length)
+        model = ErrorModel(robot, ModelErrors())
         drawn = rng.multivariate_normal(np.zeros(model.layout.count), model.covariance, method="eigh")
         self._p = {name: drawn[place] for name, place in model.layout.places.items()}
         self._model, self._limit = robot, model.limit

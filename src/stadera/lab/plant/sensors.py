@@ -14,7 +14,7 @@ from scipy.linalg import block_diag
 from scipy.spatial.transform import Rotation
 
 from stadera.constants import ROUNDING
-from stadera.errors import ModelError, RecordingError
+from stadera.errors import RecordingError
 from stadera.inertia import InertialParameters
 from stadera.lab.plant.plant import Plant
 from stadera.lab.plant.world import TrueState
@@ -194,7 +194,7 @@ class Sensors:
 def _torque_errors(errors: SensorErrors, robot: Robot, rng: np.random.Generator) -> tuple[Array, Array]:
     """Constant errors of joint torques, drawn for a run, and standard deviations of the white part, (n,) each [N·m]."""
     n, offset = len(robot.tree.joints), errors.torque_offset
-    limit = effort_limits(robot) if errors.torque or errors.torque_constant else np.zeros(n)
+    limit = robot.effort_limits if errors.torque or errors.torque_constant else np.zeros(n)
     constant = errors.torque_constant * limit * rng.standard_normal(n)
     if offset.drawn == "run":
         return constant + rng.normal(offset.mean, offset.std, n), errors.torque * limit
@@ -231,7 +231,7 @@ def plant_model(robot: Robot, errors: SensorErrors) -> Robot:
     """The robot of the plant: the given one, with the errors' dry friction in its joints."""
     if not errors.friction:
         return robot
-    friction = dict(zip(robot.tree.joints, errors.friction * effort_limits(robot), strict=True))
+    friction = dict(zip(robot.tree.joints, errors.friction * robot.effort_limits, strict=True))
     dynamics = {
         joint: replace(given, coulomb=given.coulomb + friction[joint]) for joint, given in robot.dynamics.items()
     }
@@ -255,15 +255,6 @@ def estimator_model(robot: Robot, errors: SensorErrors, seed: int) -> Robot:
         for joint, given in robot.dynamics.items()
     }
     return replace(robot, inertias=inertias, dynamics=dynamics)
-
-
-def effort_limits(robot: Robot) -> Array:
-    """The joints' effort limits [N·m], (n,)."""
-    limits = np.array([robot.limits[joint].effort for joint in robot.tree.joints])
-    if not np.isfinite(limits).all():
-        joint = robot.tree.joints[int(np.argmin(np.isfinite(limits)))]
-        raise ModelError(f"robot {robot.name}: joint {joint!r} has no effort limit to take the torque errors from")
-    return limits
 
 
 def recording_of(samples: Sequence[SensorReading], robot: Robot, source: str = "simulation") -> Recording:

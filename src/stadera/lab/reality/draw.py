@@ -12,7 +12,7 @@ import numpy as np
 
 from stadera.inertia import InertialParameters
 from stadera.lab.plant.model import DryFriction, build_model, mass_matrix
-from stadera.lab.plant.sensors import STANDARD, effort_limits
+from stadera.lab.plant.sensors import STANDARD
 from stadera.lab.plant.terrain import Stones, Terrain
 from stadera.robot.model import JointDynamics, Leg, Robot
 from stadera.robot.shapes import FLAT
@@ -141,7 +141,7 @@ class DrawnVarying:
             variation=sizes.by_position * variation / np.abs(variation).max(axis=1, keepdims=True),
             load=load[kind],
         )
-        drift = sizes.drift * effort_limits(robot) * rng.uniform(-1.0, 1.0, len(joints))
+        drift = sizes.drift * robot.effort_limits * rng.uniform(-1.0, 1.0, len(joints))
         lowpass, jitter = float(rng.uniform(*sizes.lowpass)), float(rng.uniform(0.0, sizes.jitter))
         held, which = rng.uniform() < sizes.held, str(rng.choice(["joints", "imu"]))
         samples = int(rng.choice(sizes.updates))
@@ -210,7 +210,7 @@ class DrawnRobot:
 def drawn(robot: Robot, sizes: RealSizes, seed: int) -> DrawnRobot:
     """Draws the true robot, sensors and ground of a seed from the model file's robot; the same in every scenario."""
     body, sensors, ground = (np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(3))
-    n, limit = len(robot.tree.joints), effort_limits(robot)
+    n, limit = len(robot.tree.joints), robot.effort_limits
     noise = float(sensors.uniform(*sizes.noise))
     common = 1.0 + sizes.common_gain * float(sensors.standard_normal())
     gain = 1.0 + sizes.joint_gain * _heavy(sensors, n)
@@ -253,7 +253,7 @@ def _compliance(robot: Robot, sizes: RealSizes, seed: int) -> Array:
     inertia = np.diag(mass_matrix(model, data)).copy()
     inertia[[robot.tree.joints.index(j) for leg in robot.legs for j in leg.joints]] = robot.mass * robot.leg_length**2
     swinging = 2.0 * np.pi * np.random.default_rng(np.random.SeedSequence(seed).spawn(7)[6]).uniform(*sizes.elastic, n)
-    return np.minimum(1.0 / (inertia * swinging**2), sizes.gives_way / effort_limits(robot))
+    return np.minimum(1.0 / (inertia * swinging**2), sizes.gives_way / robot.effort_limits)
 
 
 def with_usual_drives(robot: Robot, sizes: RealSizes) -> Robot:
@@ -262,7 +262,7 @@ def with_usual_drives(robot: Robot, sizes: RealSizes) -> Robot:
     A manufacturer knows the motors. A controller without their inertia takes the torque that brakes a light leg for
     touch-down, and drives the foot into the ground with the stance's force: joints reach 25 rad/s, as no real robot's.
     """
-    limit, middle = effort_limits(robot), {**robot.dynamics}
+    limit, middle = robot.effort_limits, {**robot.dynamics}
     for joint, most in zip(robot.tree.joints, limit.tolist(), strict=True):
         given = robot.dynamics[joint]
         middle[joint] = replace(

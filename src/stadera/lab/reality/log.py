@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from stadera.body.torques import JointMotion, JointTorqueRegressor
 from stadera.constants import GRAVITY
-from stadera.lab.plant.sensors import STANDARD, effort_limits
+from stadera.lab.plant.sensors import STANDARD
 from stadera.lab.plant.world import TrueState
 from stadera.lab.reality.draw import DrawnRobot
 from stadera.logs import Imu, Recording
@@ -91,7 +91,7 @@ def measured_log(
     time, columns = motion.time, [robot.tree.joints.index(joint) for joint in motion.joints]
     period = (time[-1] - time[0]) / (len(time) - 1)
     kept = slice(None, None, round(1.0 / (rate or draw.rate) / period))
-    noise, limit = STANDARD.times(draw.noise), effort_limits(robot)[columns]
+    noise, limit = STANDARD.times(draw.noise), robot.effort_limits[columns]
     gears = motion.carried * draw.compliance[columns]
     encoder = motion.position + draw.encoder_zero[columns] + gears
     shape = encoder[kept].shape
