@@ -79,6 +79,13 @@ def test_a_joint_that_holds_nothing_may_be_only_noise(joint: str, accused: bool)
     assert [f.message for f in found] == (["the torque of 'left_knee_joint' is only noise"] if accused else [])
 
 
+def test_legs_that_move_alike_are_not_swapped_because_their_errors_would_balance_better() -> None:
+    """Feet slide as much either way, and friction and gains of the drives explain the difference in balance."""
+    robot = load_robot("hyqreal2")
+    log = simulate(robot, "squat", SimulateSettings("real", duration=2.1, seed=6049)).recording
+    assert diagnose(log, robot) == ()
+
+
 @pytest.mark.parametrize(("degrees", "contradicts"), [(12.0, False), (20.0, True)])
 def test_forces_that_lean_as_friction_makes_them_in_a_walk_are_the_fits_to_explain(
     degrees: float, contradicts: bool

@@ -26,7 +26,7 @@ from stadera.checks.other_robot import or_other_robot
 from stadera.checks.residual import Footing, Gain
 from stadera.checks.signals import DEGREE, limit_findings, sensor_findings, unit_findings
 from stadera.checks.statics import Consistency, hanging
-from stadera.checks.torques import pushing_at_rest, swapped_in_motion, torque_step
+from stadera.checks.torques import likelier, pushing_at_rest, swapped_in_motion, torque_step
 from stadera.errors import RecordingError, UntrustedError, listed
 from stadera.logs.mend import GYRO, Mend, changed
 from stadera.logs.reader import stream
@@ -134,7 +134,8 @@ def explained(footing: Footing) -> list[tuple[Hypothesis, Consistency]]:
 
 def explained_by_motion(footing: Footing) -> list[tuple[Hypothesis, Gain, Footing]]:
     """The hypothesis that makes the motion of a log with an IMU, possible on average, more consistent, its gain and the
-    log without the fault, and at most two others that gain about as much; none if none does.
+    log without the fault, and at most two others that gain about as much; none if none does. Feet slide less by it, or
+    the trunk balances better by more than errors of models explain.
     """
     limits, blocks = footing.limits, footing.blocks
     if blocks.angular_velocity is None or not np.isfinite(blocks.rate).any():
@@ -146,12 +147,14 @@ def explained_by_motion(footing: Footing) -> list[tuple[Hypothesis, Gain, Footin
         return []
     fitting = []
     for one in hypotheses_in_motion(footing.robot, limits.orders):
-        needed, without = least * limits.rare if one.rare else least, footing.after(one.undo)
-        if most - float(np.nansum(without.unbalance)) < needed * used:  # as feet that do not slide at all
+        without = footing.after(one.undo)
+        if most - float(np.nansum(without.unbalance)) < least * used:  # as feet that do not slide at all
             continue
         gain = Gain.of(footing, without)
-        if gain.confirms(needed, limits) and not Consistency.of(without).faults:
-            fitting.append((one, gain, without))
+        if gain.confirms(least, limits) and not Consistency.of(without).faults:
+            slides = float(np.nan_to_num(np.subtract(*footing.costs(without))[0]).mean())
+            if slides > limits.gain or likelier(footing, without):
+                fitting.append((one, gain, without))
     fitting.sort(key=lambda entry: -entry[1].mean)
     return [*fitting[:1], *(entry for entry in fitting[1:3] if entry[1].mean > limits.alike * fitting[0][1].mean)]
 

@@ -31,7 +31,6 @@ class Hypothesis:
     undo: Mend  # correction of the log, with a turn of the IMU in trunk axes
     option: str = ""  # command-line option that corrects it
     known: bool = True  # False if the correction is estimated, and needs more information to be applied
-    rare: bool = False  # True if it needs more gain in motion, see `CheckLimits.rare`
 
     @property
     def torques_alone(self) -> bool:
@@ -68,7 +67,7 @@ def hypotheses_in_motion(robot: Robot, most: int) -> Iterator[Hypothesis]:
         whole, *parts = _reordered(robot, what, [legs[k] for k in order], _WHICH)
         yield whole
         if order in mirrored or sum(a != b for a, b in enumerate(order)) == 2:
-            yield from (replace(part, rare=order not in mirrored) for part in parts)
+            yield from parts
     yield from _joint_signs(robot)
     for quarters in (1, 2, 3):
         c, s = round(np.cos(quarters * np.pi / 2)), round(np.sin(quarters * np.pi / 2))

@@ -154,6 +154,11 @@ class TrunkRows:
         each = [np.flatnonzero(group == one) for one in np.unique(group)]
         return [(at, _explained(matrix[at], self.footing.limits)) for at in each]
 
+    def fitted(self, products: Array, counts: Array) -> Likelihood:
+        """Of products and numbers of rows by second."""
+        sized = self.root.T @ products.sum(axis=0) @ self.root
+        return Likelihood.of(sized, int(counts.sum()), self.footing.limits.order_repeated)
+
     def by_second(self, order: Order, seconds: list[tuple[NDArray[np.int64], Array]]) -> tuple[Array, Array]:
         """Products of b and C (seconds, 1 + p, 1 + p) after what is another one in every second is eliminated, and
         numbers of rows less what that has.
@@ -198,6 +203,18 @@ class Likelihood:
         return cls(float(costs[best]), float(k[best, 0]), value, vector)
 
 
+def likelier(now: Footing, other: Footing) -> bool:
+    """True if a log of the same instants balances the trunk better than another one, by more than friction and other
+    errors of models explain; not without an IMU.
+    """
+    own, costs = tuple(range(len(now.robot.legs))), []
+    for rows in (TrunkRows.of(now), TrunkRows.of(other)):
+        if rows is None:
+            return False
+        costs.append(rows.fitted(*rows.by_second(own, rows.seconds())).cost)
+    return bool(costs[0] - costs[1] > now.limits.order_gain)
+
+
 def swapped_in_motion(footing: Footing) -> tuple[Hypothesis, float] | None:
     """The order of torques that explains the motion better, known if it does so even where something may push or pull
     the robot, and twice its gain in log likelihood; None if the recorded one is not worse than by chance, or the robot
@@ -208,13 +225,9 @@ def swapped_in_motion(footing: Footing) -> tuple[Hypothesis, float] | None:
     if rows is None or len(footing.blocks) < limits.order_fewest or footing.lively <= limits.lively_share:
         return None
 
-    def fitted(products: Array, counts: Array) -> Likelihood:
-        sized = rows.root.T @ products.sum(axis=0) @ rows.root
-        return Likelihood.of(sized, int(counts.sum()), limits.order_repeated)
-
     hypotheses, alone = dict(torque_orders(footing.robot, limits.orders)), rows.seconds()
     seconds = {order: rows.by_second(order, alone) for order in (own, *hypotheses)}
-    fits = {order: fitted(*each) for order, each in seconds.items()}
+    fits = {order: rows.fitted(*each) for order, each in seconds.items()}
     ranked = sorted(fits, key=lambda order: fits[order].cost)
     if fits[own].cost - fits[ranked[0]].cost <= limits.order_gain:
         return None
@@ -228,11 +241,11 @@ def swapped_in_motion(footing: Footing) -> tuple[Hypothesis, float] | None:
     if best == own or fits[rival].cost - fit.cost <= limits.order_gain or error > limits.order_fits:
         return None
     for k in range(len(alone)):
-        now, other = (fitted(*(np.delete(part, k, axis=0) for part in seconds[order])) for order in (own, best))
+        now, other = (rows.fitted(*(np.delete(part, k, axis=0) for part in seconds[order])) for order in (own, best))
         if now.cost - other.cost <= 0.5 * limits.order_gain:
             return None
     pushed = rows.seconds(pushed=True)
-    now, other = (fitted(*rows.by_second(order, pushed)) for order in (own, best))
+    now, other = (rows.fitted(*rows.by_second(order, pushed)) for order in (own, best))
     known = now.cost - other.cost > limits.order_certain
     return replace(hypotheses[best], known=known), fits[own].cost - fit.cost
 

@@ -271,6 +271,8 @@ class _LogPass:
                 reason = max(refused, key=lambda r: r.end - r.begin).reason
                 if log.first.imu is None:
                     reason += "; the log has no IMU, without which only rest can be weighed by"
+                elif slow := self._request.settings.too_slow(log.first.time):
+                    reason += f"; {slow}"
             raise IdentificationError(f"{log.source.source}: {what}: {reason}")
         if self._method.at_rest and estimate.time < self._tared_at + self._request.settings.entry:
             raise IdentificationError(
@@ -327,12 +329,8 @@ class _LogPass:
         return PostureLaw(np.array(stiffness), reference, feeds_back=False)
 
     def _check_rate(self, time: Array) -> None:
-        settings, step = self._request.settings, float(np.median(np.diff(time))) if len(time) > 1 else 0.0
-        if not self._method.at_rest and step * settings.least_rate > settings.jitter:
-            raise RecordingError(
-                f"{self.log.source.source}: {1 / step:.3g} samples a second, of which weighing in motion sees too "
-                f"little; {settings.least_rate:.3g} are needed"
-            )
+        if not self._method.at_rest and (slow := self._request.settings.too_slow(time)):
+            raise RecordingError(f"{self.log.source.source}: {slow}")
 
     def _record(self, begin: float, *, entry: bool) -> None:
         """Notes a refusal since `begin` [s], and adds an entry to the timeline, once there is an estimate."""

@@ -12,6 +12,7 @@ from stadera.logs import LogFile
 from stadera.logs.recording import Recording
 from stadera.trunk.registry import method_of
 from stadera.trunk.settings import TrunkSettings
+from stadera.types import Array
 from stadera.weigh.against_model import AgreementLimits
 
 if TYPE_CHECKING:
@@ -60,6 +61,14 @@ class WeighSettings:
     def __post_init__(self) -> None:
         numbers = [f.name for f in fields(self) if f.name not in ("trunk", "windows", "model")]
         require_positive("weighing setting", self, numbers)
+
+    def too_slow(self, time: Array) -> str:
+        """What samples at times (n,) [s] lack to weigh by a robot in motion, a clause; empty if nothing."""
+        step = float(np.median(np.diff(time))) if len(time) > 1 else 0.0
+        if step * self.least_rate <= self.jitter:
+            return ""
+        needed = f"{self.least_rate:.3g} are needed"
+        return f"{1 / step:.3g} samples a second, of which weighing in motion sees too little; {needed}"
 
 
 def check_choice(method: str | None, stiffness: tuple[float, float, float] | None) -> None:

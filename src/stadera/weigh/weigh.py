@@ -136,7 +136,7 @@ def _choose_method(log: CheckedLog, others: list[CheckedLog], settings: WeighSet
                 f"--method {AT_REST}"
             )
         return AT_REST
-    slow = np.median(np.diff(first.time)) > settings.jitter / settings.least_rate
+    slow = settings.too_slow(first.time)
     return AT_REST if slow or any(other.first.imu is None for other in others) else IN_MOTION
 
 
