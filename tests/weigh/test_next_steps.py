@@ -140,3 +140,9 @@ def test_nothing_is_to_be_done_where_bars_are_narrow() -> None:
     assert bars is not None
     assert bars.mass < 0.12
     assert RoutineSettings().seconds == 5.0
+
+
+def test_a_mass_that_was_not_observed_has_to_be_so_by_a_step() -> None:
+    nothing = TrunkEstimator(GO2).trunk
+    known = (NextStep("one", trunk_std=0.3 * GO2.mass), NextStep("two", trunk_std=0.1 * GO2.mass))
+    assert next_steps(GO2, nothing, None, known) == known[1:]

@@ -18,7 +18,7 @@ from stadera.robot.model import Robot
 from stadera.trunk.estimator import TrunkEstimator
 from stadera.trunk.load import SIGNIFICANT, Payload
 from stadera.trunk.protocol import Weigher
-from stadera.trunk.result import TrunkParameters
+from stadera.trunk.result import ObservedLimits, TrunkParameters
 from stadera.weigh.settings import weight_std
 
 
@@ -77,7 +77,8 @@ def next_steps(
     limits: UseLimits | None = None,
 ) -> tuple[NextStep, ...]:
     """What makes the payload's bar narrower, or without a tare the trunk's, the best first; nothing if it is narrow.
-    Motions are added to the `known` steps, whose bars an estimator computes on made logs, within seconds.
+    Motions are added to the `known` steps, whose bars an estimator computes on made logs, within seconds. A mass that
+    was not observed has to be so by a step.
     """
     limits = limits or UseLimits()
     if _narrow(robot, trunk, payload, limits):
@@ -88,7 +89,7 @@ def next_steps(
         return step.trunk_std if payload is None else step.payload_std
 
     std = trunk.mass_std if payload is None else payload.mass_std
-    most = limits.gained * std if isfinite(std) else inf
+    most = limits.gained * std if isfinite(std) else ObservedLimits().mass * robot.mass
     return tuple(sorted((step for step in found if bar(step) < most), key=bar))
 
 
