@@ -82,12 +82,3 @@ def test_a_joint_that_never_rests_does_not_put_off_what_a_standing_robot_notices
     assert change.time == pytest.approx(4.0, abs=0.1)
     assert change.noticed < 4.6
     assert change.mass == pytest.approx(0.1 * robot.mass, abs=3.0 * change.mass_std)
-
-
-def test_a_humanoid_that_shifts_its_weight_to_step_is_not_loaded() -> None:
-    """A third of its legs' joints move, and friction in all others holds another part of the weight."""
-    robot = load_robot("talos")
-    log = simulate(robot, "step", SimulateSettings("real", duration=3.2, seed=5019, hold=2)).recording
-    estimator = TrunkEstimator(robot)
-    estimator.add(Samples.of_recording(log, robot))
-    assert estimator.changes == ()

@@ -108,7 +108,7 @@ class ChangeDetector:
         self._seen += 1
         if self._seen % _ANEW == 0:
             self._sums = deque([each - self._sums[0] for each in self._sums], self._sums.maxlen)
-        self._moved = self._moved or rows.sliding >= settings.shifting
+        self._moved = self._moved or rows.sliding >= settings.sliding
         if self._seen % settings.every:
             return None
         which, found = self._differences(history, errors)

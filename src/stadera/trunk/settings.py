@@ -218,9 +218,6 @@ class ChangeSettings:
         agreeing: number of standard deviations within which it is back.
         sliding: share of the joints that must slide for a block to be compared with an estimate from blocks in motion
             [1]: friction of joints that stop passes for a load of 5 % and more.
-        shifting: share of the joints that must slide for a robot not to have stood only [1]: one that is about to step
-            shifts its weight with the rolls of hips and ankles, a third of its legs' joints, and then friction in all
-            others holds something else. Of one joint that never rests, and of a load that lands, it is less.
         transient: time within which a change that goes back is withdrawn [s]: nobody loads and unloads a robot that
             fast; people push and feet are caught for up to a second.
         spoilt: blocks skipped after the change, which contain both loads.
@@ -238,7 +235,6 @@ class ChangeSettings:
     back: int = 8
     agreeing: float = 3.0
     sliding: float = 0.5
-    shifting: float = 0.25
     transient: float = 2.0
     spoilt: int = 2
     trusted: float = 4.0
@@ -375,7 +371,6 @@ class TrunkSettings:
             every=max(round(changes.every / shorter), 1),
             history=changes.history / shorter,
             sliding=1e-9,
-            shifting=1e-9,
         )
         return replace(self, block=block, changes=changes, outliers=replace(self.outliers, held=1.0))
 
