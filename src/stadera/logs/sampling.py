@@ -19,16 +19,14 @@ compared with the sampling rate; longer gaps would contain invented data.
 """
 
 
-_BURST = 25  # samples, more than arrive at once
-
-
-def usual_step(time: Array) -> float:
-    """Time between two samples (samples,) in the long run [s]: the median of the means over so many successive steps.
+def usual_step(time: Array, burst: int = 25) -> float:
+    """Time between two samples (samples,) in the long run [s]: the median of the means over so many successive steps,
+    more than arrive at once (`burst`).
 
     Samples that are stamped as they arrive, some at once and then none for a while, were taken at this period; no gap
     stretches it.
     """
-    among = min(_BURST, len(time) - 1)
+    among = min(burst, len(time) - 1)
     return float(np.median(time[among:] - time[:-among])) / among
 
 
