@@ -11,7 +11,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from stadera.checks import CheckLimits, torques
-from stadera.checks.diagnosis import _of_torques, late_imu
+from stadera.checks.diagnosis import late_imu
 from stadera.checks.hypotheses import Hypothesis
 from stadera.checks.instants import Instants
 from stadera.checks.residual import Footing
@@ -87,7 +87,7 @@ def test_on_a_robot_that_sways_two_legs_with_swapped_torques_are_named(name: str
 
 def test_another_order_that_a_push_explains_too_is_a_doubt() -> None:
     log = swapped(log_of("go2", "shake", 12), "go2", ("LF", "LH"))
-    (finding,) = _of_torques(footing_of(log, "go2", CheckLimits(order_certain=1e6)), None)
+    (finding,) = diagnose(log, load_robot("go2"), limits=CheckLimits(order_certain=1e6))
     assert finding.cause == "torque_order"
     assert not finding.fatal
     assert finding.mend is None

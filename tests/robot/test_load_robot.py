@@ -12,6 +12,7 @@ import pinocchio as pin
 import pytest
 from robot_files import CORNERS, SPHERE, mjcf, quadruped, urdf, urdf_joint, urdf_leg, urdf_link, wheeled, write
 
+from stadera.constants import GRAVITY
 from stadera.errors import MissingExtraError, ModelError, UnknownNameError
 from stadera.inertia import InertialParameters
 from stadera.robot import LEG_NAMES, Robot, catalog, load_robot
@@ -168,7 +169,7 @@ def test_an_effort_limit_that_no_joint_of_its_size_has_is_none() -> None:
     """Solo12's file states 1000 N·m, on a robot of 2.5 kg."""
     solo, hyq = load_robot("solo12"), load_robot("hyq")
     assert {solo.limits[joint].effort for joint in solo.tree.joints} == {1000.0}
-    np.testing.assert_allclose(solo.effort_limits, 9.80665 * solo.mass * solo.leg_length, rtol=1e-3)
+    np.testing.assert_allclose(solo.effort_limits, GRAVITY * solo.mass * solo.leg_length)
     assert hyq.effort_limits.tolist() == [hyq.limits[joint].effort for joint in hyq.tree.joints]
 
 

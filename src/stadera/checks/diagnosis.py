@@ -151,10 +151,9 @@ def explained_by_motion(footing: Footing) -> list[tuple[Hypothesis, Gain, Footin
         if most - float(np.nansum(without.unbalance)) < least * used:  # as feet that do not slide at all
             continue
         gain = Gain.of(footing, without)
-        if gain.confirms(least, limits) and not Consistency.of(without).faults:
-            slides = float(np.nan_to_num(np.subtract(*footing.costs(without))[0]).mean())
-            if slides > limits.gain or likelier(footing, without):
-                fitting.append((one, gain, without))
+        shown = gain.confirms(least, limits) and (gain.slides > limits.gain or likelier(footing, without))
+        if shown and not Consistency.of(without).faults:
+            fitting.append((one, gain, without))
     fitting.sort(key=lambda entry: -entry[1].mean)
     return [*fitting[:1], *(entry for entry in fitting[1:3] if entry[1].mean > limits.alike * fitting[0][1].mean)]
 

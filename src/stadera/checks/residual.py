@@ -233,19 +233,20 @@ class Gain:
 
     mean: float  # over the instants
     deviations: float  # the mean divided by its standard deviation, from the scatter of half seconds
+    slides: float = 0.0  # the part by feet that slide less, over the instants
 
     @classmethod
     def of(cls, now: Footing, other: Footing) -> Gain:
         """Compares a log with another one. A part of the cost available for only one of them is ignored."""
         before, after = now.costs(other)
         gains = before - after
-        gain = np.nan_to_num(gains).sum(axis=0)[np.isfinite(gains).any(axis=0)]
-        parts = len(gain) // (now.limits.second // 2)
+        slides, balance = np.nan_to_num(gains)[:, np.isfinite(gains).any(axis=0)]
+        parts = len(slides) // (now.limits.second // 2)
         if parts < 2:
             return cls(0.0, 0.0)
-        means = np.array([part.mean() for part in np.array_split(gain, parts)])
+        means = np.array([part.mean() for part in np.array_split(slides + balance, parts)])
         std = float(means.std(ddof=1) / np.sqrt(parts))
-        return cls(float(means.mean()), float(means.mean()) / std if std > 0 else 0.0)
+        return cls(float(means.mean()), float(means.mean()) / std if std > 0 else 0.0, float(slides.mean()))
 
     def confirms(self, least: float, limits: CheckLimits) -> bool:
         """True if it is at least this large, and certain."""
