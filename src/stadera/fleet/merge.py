@@ -92,11 +92,10 @@ def merge_legs(
             task.leg,
             task.nominal,
             estimate,
-            null_space,
             structural_rank=estimate.observability.rank,
             information=fit.total,
         )
-        for task, fit, (estimate, null_space) in zip(tasks, fits, estimates, strict=True)
+        for task, fit, estimate in zip(tasks, fits, estimates, strict=True)
     )
     return MergedLegs(robot, tuple(logs), legs, _trust(tasks, fits, settings))
 

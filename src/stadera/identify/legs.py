@@ -118,7 +118,7 @@ def _from_feet(
     estimates = [_widened(found, agreement) for found in solved]
     legs = tuple(
         LegIdentification(
-            task.leg, task.nominal, *found, structural_rank=found[0].observability.rank, information=information
+            task.leg, task.nominal, found, structural_rank=found.observability.rank, information=information
         )
         for task, found, information in zip(tasks, estimates, informations, strict=True)
     )
@@ -185,7 +185,7 @@ def _identified(
     """The passes over admitted logs of legs in the air, and of the robot on its feet."""
     training, held_back, validated_on = parts_of(job, fitted, evaluated)
     job, still = _moving(job, training)
-    gathered = gather(job, training, partial(_first_estimates, job))
+    gathered = gather(job, training, partial(_solve, job))
     kept, said = memory, ""
     if memory is not None:  # None if the logs contradict it
         known = [(task.prior, data.whitened(task.fixed)) for task, data in zip(job.tasks, gathered, strict=True)]
@@ -205,7 +205,7 @@ def _identified(
         legs=legs,
         torque_lag=job.preprocessing.effort_delay,
         validated_on=validated_on if any("validation" in leg.rmse for leg in legs) else None,
-        trust=reduce(_with_trust_of, floats, trust_in(job, gathered, [asked for asked, _ in estimates], doubts)),
+        trust=reduce(_with_trust_of, floats, trust_in(job, gathered, estimates, doubts)),
         notes=(*training.notes, job.vertical.note, *job.notes, *pooled),
         warnings=(*still, *doubts),
     )
@@ -235,7 +235,7 @@ def _agreed(
         # a log has noise of its own, that its own solution leaves, in which the difference from others is not
         known = []
         for part in compared:
-            own = gather(job, part, partial(_first_estimates, job))
+            own = gather(job, part, partial(_solve, job))
             known.append([data.whitened(task.fixed) for task, data in zip(job.tasks, own, strict=True)])
     else:
         known = [information_of(job, part, gathered) for part in compared]
@@ -280,32 +280,31 @@ def _agreement(
     return Agreement.of(names, legs)
 
 
-def _widened(found: tuple[Estimate, Estimate], agreement: Agreement | None) -> tuple[Estimate, Estimate]:
+def _widened(found: Estimate, agreement: Agreement | None) -> Estimate:
     if agreement is None:
         return found
-    first, second = (replace(e, covariance=agreement.widened(e.columns, e.covariance)) for e in found)
-    return first, second
+    return replace(found, covariance=agreement.widened(found.columns, found.covariance))
 
 
 def _scored_legs(
     job: Job,
     gathered: Sequence[Gathered],
-    estimates: Sequence[tuple[Estimate, Estimate]],
+    estimates: Sequence[Estimate],
     training: Part,
     held_back: Part | None,
 ) -> tuple[tuple[LegIdentification, ...], int]:
     """Results of the requested legs, evaluated on both parts, and the largest number of moving samples."""
     wanted = range(job.wanted)
-    scores = {"training": [_unscored(job, job.tasks[k], gathered[k], estimates[k][0]) for k in wanted]}
+    scores = {"training": [_unscored(job, job.tasks[k], gathered[k], estimates[k]) for k in wanted]}
     if held_back is not None:
-        scores["validation"] = [_unscored(job, job.tasks[k], gathered[k], estimates[k][0]) for k in wanted]
+        scores["validation"] = [_unscored(job, job.tasks[k], gathered[k], estimates[k]) for k in wanted]
     for what, part, found in zip(("scoring", "validating"), (training, held_back or ()), scores.values(), strict=False):
         for done, chunk in enumerate(part):
             for score in found:
                 score.add(chunk, job.trunk, job.drop_below)
             job.progress(what, done + 1, 0)
     legs = tuple(
-        _leg_result(job, job.tasks[k], gathered[k], *estimates[k], {part: score[k] for part, score in scores.items()})
+        _leg_result(job, job.tasks[k], gathered[k], estimates[k], {part: score[k] for part, score in scores.items()})
         for k in wanted
     )
     return legs, max(score.samples for score in scores["training"])
@@ -322,7 +321,7 @@ def _unscored(job: Job, task: LegTask, data: Gathered, estimate: Estimate) -> Le
 
 def _solve(
     job: Job, gathered: Sequence[Gathered], floats: Sequence[FloatingLog] = (), recalled: KnownLegs | None = None
-) -> list[tuple[Estimate, Estimate]]:
+) -> list[Estimate]:
     own = [with_scale(g.whitened(t.fixed), job.settings.width.gain) for t, g in zip(job.tasks, gathered, strict=True)]
     legs = [
         (t.leg, _floating_information(t, floats, known, recalled), t.prior)
@@ -331,12 +330,8 @@ def _solve(
     return solve_legs(legs, job.settings.method, job.settings.spread, job.settings.solver, job.progress)
 
 
-def _first_estimates(job: Job, gathered: Sequence[Gathered]) -> list[Estimate]:
-    return [asked for asked, _ in _solve(job, gathered)]
-
-
 def _leg_result(
-    job: Job, task: LegTask, data: Gathered, estimate: Estimate, null_space: Estimate, scores: Mapping[str, LegScore]
+    job: Job, task: LegTask, data: Gathered, estimate: Estimate, scores: Mapping[str, LegScore]
 ) -> LegIdentification:
     part = scores.get("validation", scores["training"])
     evaluated = part.excess() if part.samples else {}
@@ -344,7 +339,6 @@ def _leg_result(
         leg=task.leg,
         model=task.nominal,
         estimate=estimate,
-        null_space=null_space,
         friction_only=data.friction_only,
         structure=structural_observability(task.constant, job.trunk).combinations(),
         structural_rank=structural_observability(task, job.trunk).rank,

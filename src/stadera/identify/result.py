@@ -78,7 +78,6 @@ class LegIdentification:
     leg: Leg  # names of the leg, its links and joints
     model: Mapping[str, float]  # the robot model's values of all parameters, by name
     estimate: Estimate  # the requested solution
-    null_space: Estimate  # the paper's eq. 5 on the same data, for comparison.
     # joint terms fitted with the rigid bodies at CAD, by parameter name
     friction_only: Mapping[str, float] = field(default_factory=dict)
     structure: tuple[Combination, ...] = ()  # combinations that motion on a held trunk can determine

@@ -8,8 +8,8 @@ first moments and the inertia instead, on which the torques depend.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -59,6 +59,7 @@ class Estimate:
     # (n, errors), columns whose squares are in the covariance: errors that the legs of a log have in common
     shared: Array
     held: tuple[str, ...] = ()  # masses that were fixed at CAD because they are not observable
+    unconstrained: Mapping[str, float] = field(default_factory=dict)  # the paper's eq. 5 on the same data, by name
 
     def by_name(self) -> dict[str, float]:
         """Values by parameter name."""
@@ -337,8 +338,8 @@ def solve_legs(
     spread: KindSpread | None,
     solver: SolverSettings,
     progress: Progress,
-) -> list[tuple[Estimate, Estimate]]:
-    """For each leg the requested solution and the null-space solution, from rows in units of their noise and the prior.
+) -> list[Estimate]:
+    """The requested solution for each leg, from rows in units of their noise and the prior.
 
     `spread` is that between the drives of the legs; None to solve for each leg separately.
     """
@@ -349,6 +350,7 @@ def solve_legs(
         priors = [pooled_prior(leg, prior, drives, spread) for leg, _, prior in legs]
     out = []
     for done, ((_, information, _), prior) in enumerate(zip(legs, priors, strict=True)):
-        out.append((_SOLVERS[method](information, prior, solver), null_space_solution(information, prior, solver)))
+        free = null_space_solution(information, prior, solver).by_name()
+        out.append(replace(_SOLVERS[method](information, prior, solver), unconstrained=free))
         progress("solving", done + 1, len(legs))
     return out

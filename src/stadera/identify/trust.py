@@ -166,11 +166,10 @@ def log_warnings(
 
 
 def _joint_terms(result: LegIdentification) -> Iterator[str]:
-    unconstrained = result.null_space.by_name()
     width = dict(zip(result.estimate.columns, result.estimate.prior.scales.tolist(), strict=True))
     for joint in result.leg.joints:
         for term in ("armature", "viscous", "coulomb"):
-            value = unconstrained.get(f"{joint}.{term}", 0.0)
+            value = result.estimate.unconstrained.get(f"{joint}.{term}", 0.0)
             found = result.parameters.get(f"{joint}.{term}")
             if found is None or found.std is None or value > -max(found.std, 1e-6 * width[f"{joint}.{term}"]):
                 continue
