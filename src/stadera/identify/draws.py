@@ -11,8 +11,6 @@ or where a friction becomes zero. Legs are drawn independently of one another. W
 far from the model's value as the prior has it.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.special import ndtr, ndtri
 

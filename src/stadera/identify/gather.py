@@ -7,8 +7,6 @@ to both sides of the equations, which then still hold. Thinned to twice the cut-
 independent.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import reduce

@@ -30,8 +30,6 @@ On a real Go2, Aliengo and Mini Cheetah in the air, which lag by 11 to 16 ms, it
 torques do not change fast leaves several ms, which as viscous friction are as large as the drive's own.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 
 import numpy as np

@@ -4,8 +4,6 @@ Each leg is a fixed-base arm on the held trunk. Its torques are weighted by the 
 residuals' correlation (for real joints they are far from white), summed up once, and the small triangle is solved.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial, reduce

@@ -12,8 +12,6 @@ value s_k of W measures how well the data determine the direction v_k of x: its 
 For data without noise these are the algebraic rank and row space of the regressor (section II.A); noise reduces them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum

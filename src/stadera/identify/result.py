@@ -1,7 +1,5 @@
 """Result of `identify` as plain values, from which tables, reports, JSON and URDF are made."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property

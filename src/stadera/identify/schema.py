@@ -5,8 +5,6 @@ data do not measure the value; the value then rests on the prior and on its corr
 measured on this leg or others.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Sequence
 from dataclasses import replace

@@ -5,8 +5,6 @@ an artefact of the method, and the centres of mass, h/m, would change with it. T
 first moments and the inertia instead, on which the torques depend.
 """
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace

@@ -13,8 +13,6 @@ dry friction τ_c(q) of the joint's constraint, and in place of the constraint t
 state z is that of the recorded path at the beginning.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace

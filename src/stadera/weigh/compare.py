@@ -1,7 +1,5 @@
 """Several estimators on several logs: each weighs each log, and what they say stands side by side."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from os import PathLike

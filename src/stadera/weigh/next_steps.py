@@ -5,8 +5,6 @@ errors are drawn (`stadera.excite.trunk.planted`), those of a known weight or of
 and that weight, or that of more such logs (`stadera.trunk.outside`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from math import hypot, inf, isfinite

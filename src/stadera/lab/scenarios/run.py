@@ -6,8 +6,6 @@ observable. The legs move simultaneously: on a held trunk they do not affect eac
 plant.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace

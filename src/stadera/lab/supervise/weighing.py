@@ -4,8 +4,6 @@ Contact forces come from torques minus the offsets that the walk has shown. Cont
 meanwhile. The result is a `TrunkEstimate`, or a sentence on why there is none.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from enum import StrEnum

@@ -1,7 +1,5 @@
 """Page of a weighing: answer and trust, next steps, evidence, and method."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 from math import degrees

@@ -1,7 +1,5 @@
 """Figures of a weighing: where the load is; payload, mass and centre of mass over time."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any

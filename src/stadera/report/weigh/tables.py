@@ -1,7 +1,5 @@
 """A weighing in words and tables: how heavy, where, how sure; and terminal output."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator
 from math import isfinite
 
