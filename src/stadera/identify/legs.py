@@ -15,13 +15,7 @@ from stadera.body import JointMotion, TrunkMotion
 from stadera.checks import Guard
 from stadera.identify.agreement import Agreement
 from stadera.identify.floating import FloatingLog, KnownLegs, floating_log, remembered
-from stadera.identify.gather import (
-    Gathered,
-    LegScore,
-    gather,
-    information_of,
-    with_varying_friction,
-)
+from stadera.identify.gather import Gathered, LegScore, gather, information_of, with_varying_friction
 from stadera.identify.job import Job, LegTask, joints_of, parts_of, prepare, stands, wanted_legs
 from stadera.identify.log import Part, Section, time_span
 from stadera.identify.observability import Observability, observability
