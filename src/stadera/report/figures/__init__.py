@@ -1,4 +1,4 @@
-"""Figures as plain values, drawn as SVG (pages), by Plotly (interactive plots) and by Matplotlib (papers)."""
+"""Figures as plain values, drawn by Plotly (pages) and by Matplotlib (papers)."""
 
 from stadera.report.figures.model import Axis, Bars, Figure, Guide, Panel, Series, band, line, stacked
 
