@@ -8,6 +8,7 @@ import subprocess
 import sys
 import tomllib
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -32,12 +33,19 @@ def modules_of(requirements: list[str]) -> set[str]:
     return set().union(*(MODULES.get(name, {name.replace("-", "_")}) for name in names))
 
 
-def imported(path: Path, *, at_top: bool) -> Iterator[str]:
-    """Third-party packages that a file imports, at its top or inside functions."""
+@cache
+def parsed(path: Path) -> tuple[ast.Module, set[ast.AST], set[ast.AST]]:
+    """A file, and what of it is inside functions and for type checkers."""
     tree = ast.parse(path.read_text())
     inside = {n for f in ast.walk(tree) if isinstance(f, ast.FunctionDef) for n in ast.walk(f)}
     guarded = {n for i in tree.body if isinstance(i, ast.If) and "TYPE_CHECKING" in ast.unparse(i.test)
                for n in ast.walk(i)}  # fmt: skip
+    return tree, inside, guarded
+
+
+def imported(path: Path, *, at_top: bool) -> Iterator[str]:
+    """Third-party packages that a file imports, at its top or inside functions."""
+    tree, inside, guarded = parsed(path)
     for node in ast.walk(tree):
         if node in guarded or (node in inside) == at_top:
             continue

@@ -44,6 +44,12 @@ def environment(folder: Path) -> None:
     (site,) = (folder / "venv").glob("lib/python*/site-packages")
     needed = [path for path in sys.path if "site-packages" in path]  # with what their .pth files added, but the source
     (site / "of_the_tests.pth").write_text("\n".join(needed))
+    for code in (ROOT / "src").rglob("*.nb[ci]"):  # machine code, which else takes 10 s at the first start
+        there = site / code.relative_to(ROOT / "src")
+        there.parent.mkdir(exist_ok=True)
+        there.write_bytes(code.read_bytes())
+        module = f"{code.name.split('.')[0]}.py"  # numba compares its time
+        shutil.copystat(code.parent.parent / module, there.parent.parent / module)
 
 
 def run(command: list[str], folder: Path, **extra: str) -> str:

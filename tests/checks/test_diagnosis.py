@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -144,11 +145,16 @@ def wild_blocks(robot: Robot, group: list[int]) -> Instants:
     return Instants(joints, time, np.array(group), q, rate, 20.0 * effort, None, force, omega)
 
 
+@cache
+def of_go2(scenario: str, seconds: float) -> Recording:
+    settings = SimulateSettings("standard", duration=seconds, rate=250.0, seed=1, hold=2)
+    return simulate(load_robot("go2"), scenario, settings).recording
+
+
 @pytest.mark.parametrize("fits", [True, False])
 def test_a_hypothesis_must_itself_fit(fits: bool) -> None:
     """Reversed gyro: undone, the motion fits, to a share of the cost that the limit says."""
-    robot = load_robot("go2")
-    log = simulate(robot, "shake", SimulateSettings("standard", duration=6.0, rate=250.0, seed=1, hold=2)).recording
+    robot, log = load_robot("go2"), of_go2("shake", 6.0)
     assert log.imu is not None
     log = replace(log, imu=replace(log.imu, angular_velocity=-log.imu.angular_velocity, orientation=None))
     found = diagnose(log, robot, limits=CheckLimits(better=0.75 if fits else 1e-6))
@@ -181,8 +187,7 @@ def _legs(robot: Robot, *names: str) -> tuple[str, ...]:
 @pytest.mark.parametrize("axes", ["(-x, y, -z)", "(-y, -x, -z)"])
 def test_an_imu_upside_down_on_a_trot_is_turned_about_the_right_axis(axes: str) -> None:
     """On average a trunk that trots level tells the vertical only; its motion tells the axis."""
-    robot = load_robot("go2")
-    log = simulate(robot, "trot", SimulateSettings("standard", duration=4.0, seed=1, hold=2)).recording
+    robot, log = load_robot("go2"), of_go2("trot", 4.0)
     turn = {"(-x, y, -z)": np.diag([-1, 1, -1]), "(-y, -x, -z)": np.array([[0, -1, 0], [-1, 0, 0], [0, 0, -1]])}[axes]
     (found,) = diagnose(turned(log, Rotation.from_matrix(turn)), robot)
     assert f"its axes {axes} are what is taken for" in found.message

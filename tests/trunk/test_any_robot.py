@@ -26,7 +26,7 @@ from stadera.robot.catalog import _example_robot_data
 from stadera.trunk import Samples, TrunkEstimator
 from stadera.types import Array
 
-RATE, SECONDS, TARED, LOADED = 200.0, 9.0, 4.0, 4.5
+RATE, SECONDS, TARED, LOADED = 200.0, 7.0, 3.0, 3.4
 FILES = {
     "g1": "g1_description/urdf/g1_29dof_rev_1_0.urdf",
     "talos": "talos_data/robots/talos_full_v2.urdf",
@@ -169,7 +169,6 @@ def swaying(
     ("name", "arms"),
     [
         ("g1", 0.3),
-        ("talos", 0.1),
         ("h1", 0.2),
         ("b1_z1", 0.4),
         ("solo8", 0.0),
@@ -329,9 +328,9 @@ def test_a_load_in_a_hand_is_found_and_weighed_there(name: str, link: str) -> No
     extra = robot.extra
     assert extra is not None
     joint = extra.joints[extra.links.index(link)]
-    samples = swaying(robot, IN_HAND, 0.2, (joint,), until=8.0)
+    samples = swaying(robot, IN_HAND, 0.2, (joint,), until=6.0)
     for at in (None, link):
-        estimator = after_tare(robot, samples[samples.time < 7.5], at)
+        estimator = after_tare(robot, samples[samples.time < 5.6], at)
         payload = estimator.payload
         assert payload is not None
         assert payload.at == link
@@ -341,7 +340,7 @@ def test_a_load_in_a_hand_is_found_and_weighed_there(name: str, link: str) -> No
         (change,) = estimator.changes  # the arm's motion is none
         assert (change.kind, change.at) == ("on", link)
         assert at is not None or payload.places[link] > 0.99
-    estimator.add(samples[samples.time >= 7.5])
+    estimator.add(samples[samples.time >= 5.6])
     assert [(change.kind, change.at) for change in estimator.changes] == [("on", link), ("off", link)]
 
 
@@ -354,7 +353,7 @@ def test_noise_of_an_arms_velocities_does_not_move_its_load() -> None:
     extra = samples.extra.copy()
     extra[:, joints : 2 * joints] += 0.2 * np.random.default_rng(0).standard_normal((len(extra), joints))
     noisy = replace(samples, extra=extra)
-    payload = after_tare(robot, noisy[noisy.time < 7.5], link).payload
+    payload = after_tare(robot, noisy[noisy.time < 5.6], link).payload
     assert payload is not None
     assert payload.mass == pytest.approx(2.0, abs=0.02)
     np.testing.assert_allclose(payload.com, IN_HAND.com, atol=8e-3)
@@ -384,7 +383,9 @@ def test_noise_of_a_g1_that_stands_is_no_load_elsewhere(on: str | None, seed: in
     """With errors as of real robots: rows at rest share one friction, and noise of accelerations tells no place."""
     load = Load(2.67, at=(0.0, 0.03, 0.1) if on is None else (0.05, 0.0, 0.02), on=on)
     robot = of_file("g1")
-    made = simulate(robot, "stand-load", SimulateSettings("real", load, duration=8.0, rate=250.0, seed=seed, hold=2))
+    made = simulate(
+        robot, "stand-load", SimulateSettings("real", load, duration=6.0, rate=250.0, seed=seed, hold=2, load_time=3.2)
+    )
     found = weigh(robot, made.recording, (0.0, 3.0))
     payload = found.payload
     assert payload is not None
@@ -425,7 +426,7 @@ def test_a_g1s_log_is_weighed_by_the_command_line_and_live(run, tmp_path: Path) 
     write_table(
         Recording(samples.time, (*robot.tree.joints, *extra.joints), q, v, effort=effort, imu=imu), tmp_path / "log.csv"
     )
-    given = "weigh", tmp_path / "log.csv", "--robot", "g1", "--imu-frame", "imu_in_pelvis", "--tare", "0:4"
+    given = "weigh", tmp_path / "log.csv", "--robot", "g1", "--imu-frame", "imu_in_pelvis", "--tare", f"0:{TARED}"
     for at in ((), ("--at", "left_rubber_hand")):
         shown = " ".join(run(*given, *at, "--json", tmp_path / "out.json").out.split())
         payload = json.loads((tmp_path / "out.json").read_text())["payload"]
@@ -436,5 +437,5 @@ def test_a_g1s_log_is_weighed_by_the_command_line_and_live(run, tmp_path: Path) 
         assert ("by odds of" in shown) == (not at)
     centre = np.array(payload["com"]["value"])  # of the rubber hand, 41.5 mm before the wrist's link
     np.testing.assert_allclose(centre, IN_HAND.com - [0.0415, 0.003, 0.0], atol=3e-3)
-    replayed = run("live", f"replay:{tmp_path / 'log.csv'}", "--robot", "g1", "--tare", 4, "--rate", "inf")
+    replayed = run("live", f"replay:{tmp_path / 'log.csv'}", "--robot", "g1", "--tare", TARED, "--rate", "inf")
     assert "at left_wrist_yaw_link" in " ".join(replayed.out.split())

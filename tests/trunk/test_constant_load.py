@@ -53,7 +53,7 @@ def test_the_bar_is_that_of_the_estimate_by_noise_of_any_kind(loud: float, lasti
     noise = np.zeros(6)
     for seed in range(60):
         rng, segment = np.random.default_rng(seed), Segment.prior(np.zeros(10), np.full(10, 1e3), LAYOUT)
-        for k in range(400):
+        for k in range(200):
             if k % lasting == 0:
                 noise = loud * rng.standard_normal(6)
             A = np.array([3.0, *np.zeros(9)]) + 0.3 * rng.standard_normal((6, 10))

@@ -25,7 +25,7 @@ JOINTS = [joint for leg in ROBOT.legs for joint in leg.joints]
 
 @cache
 def run(seed: int) -> Run:
-    return simulate(ROBOT, "trot-load", SimulateSettings("real", seed=seed, hold=2))
+    return simulate(ROBOT, "trot-load", SimulateSettings("real", duration=8.0, seed=seed, hold=2))
 
 
 @cache

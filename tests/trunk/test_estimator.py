@@ -120,9 +120,8 @@ def test_wrong_legs_are_in_the_error_bars_and_cancel_in_the_payload() -> None:
     assert 0.1 < squared / count < 1.6
 
 
-@pytest.mark.parametrize("share", [0.008, 0.012])
-def test_a_load_too_light_for_a_name_is_weighed_all_the_same(share: float) -> None:
-    light = RigidMass.box(share * robot().mass, (0.1, 0.1, 0.1), (-0.2, 0.1, 0.2)).parameters
+def test_a_load_too_light_for_a_name_is_weighed_all_the_same() -> None:
+    light = RigidMass.box(0.008 * robot().mass, (0.1, 0.1, 0.1), (-0.2, 0.1, 0.2)).parameters
     walk = walked(robot(), Walk(seconds=8.0, rate_hz=RATE, load=light, loaded_at=TARED))
     s, estimator = samples(walk, STANDARD, 1), TrunkEstimator(robot())
     estimator.add(before(s, TARED))
@@ -216,10 +215,9 @@ def test_says_that_a_robot_standing_still_shows_neither_height_nor_inertia() -> 
     assert (np.abs(error(estimator, trunk())[:3]) < 4.0 * estimate.std[:3]).all()
 
 
-@pytest.mark.parametrize("name", ["go2", "hyq"])
-def test_a_stand_ten_times_as_long_neither_drifts_nor_is_surer_than_its_constants(name: str) -> None:
+def test_a_stand_ten_times_as_long_neither_drifts_nor_is_surer_than_its_constants() -> None:
     """Noise in the rows' matrix would let what cannot be told apart, offsets and weight, wander ever more surely."""
-    model = load_robot(name)
+    model = load_robot("go2")
     still = walked(model, replace(STILL, seconds=30.0, rate_hz=200.0))
     log = Samples.of_recording(recorded(model, still, STANDARD, 4), model)
     found = []
@@ -420,7 +418,7 @@ def test_known_offsets_are_taken_out_with_their_sign() -> None:
     plain = robot()
     limit = np.array([plain.limits[joint].effort for joint in plain.tree.joints])
     added = 0.01 * limit * np.random.default_rng(3).choice([-1.0, 1.0], 12)
-    log = recorded(plain, walked(plain, replace(STILL, tilt=0.05, sway=0.012)), IDEAL)
+    log = recorded(plain, walked(plain, replace(STILL, seconds=2.0, tilt=0.05, sway=0.012)), IDEAL)
 
     def weighed(offset: float, error: float) -> np.ndarray:
         """Mass and first moment, with a multiple of the offsets in the model, and of the error in the log."""

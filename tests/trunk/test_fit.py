@@ -93,7 +93,7 @@ def standardised(walk: Walk, scale: float) -> np.ndarray:
 
 @pytest.mark.parametrize(
     ("walk", "scale", "least"),
-    [(STAND, 0.5, 0.9), (STAND, 1.0, 0.9), (WALK, 0.5, 0.9), (WALK, 1.0, 0.9), (WALK, 2.0, 0.65)],
+    [(STAND, 0.5, 0.9), (STAND, 1.0, 0.9), (WALK, 1.0, 0.9), (WALK, 2.0, 0.65)],
     ids=str,
 )
 def test_bars_hold_at_other_sizes_of_the_errors(walk: Walk, scale: float, least: float) -> None:

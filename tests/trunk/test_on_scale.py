@@ -23,6 +23,7 @@ from stadera.trunk.outside import Correction, Knowledge
 from stadera.trunk.segment import Segment
 from stadera.trunk.settings import ModelErrors, SwingDetection
 from stadera.trunk.swing import SwingJoints
+from stadera.weigh import Weighing
 from walking import Walk, recorded, walked
 
 HYQ = load_robot("hyq")
@@ -95,8 +96,13 @@ def loaded() -> Recording:
     return log.mapped(lambda name, values: GAIN * values if name == "effort" else values)
 
 
+@cache
+def tared() -> Weighing:
+    return weigh(HYQ, loaded(), tare=(0.0, 2.8))
+
+
 def test_a_scale_finds_the_scale_of_the_torques() -> None:
-    without = weigh(HYQ, loaded(), tare=(0.0, 2.8))
+    without = tared()
     found = weigh(HYQ, loaded(), tare=(0.0, 2.8), weight=(HYQ.mass, 0.05))
     assert without.payload is not None
     assert found.payload is not None
@@ -119,7 +125,7 @@ def test_without_a_tare_it_is_the_robot_before_the_load() -> None:
 
 
 def test_the_torques_scale_is_apart_from_the_rest_of_the_bar() -> None:
-    result = weigh(HYQ, loaded(), tare=(0.0, 2.8))
+    result = tared()
     payload = result.payload
     assert payload is not None
     assert payload.mass_std_without_scale is not None

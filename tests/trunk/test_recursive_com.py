@@ -187,10 +187,10 @@ def test_two_poses_are_as_sure_of_the_height_as_they_may_be() -> None:
     for _ in range(40):
         offset = 0.0033 * limit * rng.standard_normal(12)
         estimator = ContactCom(ROBOT, off(0.0, 0.0), settings=LawSettings(settling=0.1))
-        for k in range(80):
-            m = first if k < 40 else second
+        for k in range(40):
+            m = first if k < 20 else second
             estimator.update(replace(m, time=0.02 * k, effort=m.effort + offset))
-            if k == 39:
+            if k == 19:
                 estimator.look_for_height()
         estimate = estimator.estimate()
         off_by = estimate.value - [TRUTH.trunk_mass, *TRUTH.trunk_com]

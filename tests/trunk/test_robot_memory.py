@@ -80,7 +80,7 @@ def test_information_adds_up_to_the_posterior_of_all_rows() -> None:
 
 def test_a_robot_that_was_on_a_scale_remembers_the_scale_of_its_torques() -> None:
     narrower, sigmas = [], []
-    for robot in range(3):
+    for robot in range(2):
         first = weighed(robot, 0)
         truth = drawn(robot).true
         first.know_weight(truth.mass, 0.02)
@@ -101,8 +101,8 @@ def test_a_robot_that_was_on_a_scale_remembers_the_scale_of_its_torques() -> Non
 
 def test_logs_without_a_scale_never_tell_the_scale_of_the_torques() -> None:
     """However many they are: what they have wrong by that scale, they have wrong alike."""
-    memory = remembered(3, 3)
-    alone, after = weighed(3, 7).payload, weighed(3, 7, memory).payload
+    memory = remembered(1, 2)
+    alone, after = weighed(1, 7).payload, weighed(1, 7, memory).payload
     assert alone is not None
     assert after is not None
     assert after.mass_std_without_scale < alone.mass_std_without_scale
@@ -160,27 +160,27 @@ def drifted(made: Drawn, rng: np.random.Generator) -> None:
     made.true, made._seed = made.true.with_dynamics(dynamics), int(rng.integers(2**32))
 
 
-def test_ten_logs_days_apart_and_a_swapped_motor_in_the_sixth() -> None:
+def test_six_logs_days_apart_and_a_swapped_motor_in_the_fourth() -> None:
     """The last log is known better than the first, though all drives have drifted since; the log with another motor is
     named, those before are not.
     """
     made, rng, memory = Drawn(GO2, np.random.default_rng((5, 1))), np.random.default_rng(9), Memory.none(GO2)
     bars, joint, motor = list[float](), GO2.tree.joints[4], JointDynamics()
-    for log in range(10):
+    for log in range(6):
         estimator, day = TrunkEstimator(GO2), 100.0 + 3.0 * log
         estimator.recall(memory, day)
         estimator.add(made.measured(Planted.of(made.true, sway(log), 125.0)))
         estimator.tare()
         loaded = made.measured(Planted.of(made.true, sway(log + 50), 125.0), LOAD)
         estimator.add(replace(loaded, time=loaded.time + 4.5))
-        if (payload := estimator.payload) is not None and log in (0, 9):
+        if (payload := estimator.payload) is not None and log in (0, 5):
             bars.append(payload.mass_std)
         if log == 0:
             estimator.know_weight(made.true.mass, 0.02)
         learnt, said = estimator.remembered(memory, day)
-        if log == 5:
+        if log == 3:
             assert learnt is None
-            assert f"contradicts the memory of 5 logs in the Coulomb friction of {joint}" in said
+            assert f"contradicts the memory of 3 logs in the Coulomb friction of {joint}" in said
             made.true = made.true.with_dynamics({joint: motor})
         else:
             assert learnt is not None, said
@@ -188,11 +188,11 @@ def test_ten_logs_days_apart_and_a_swapped_motor_in_the_sixth() -> None:
             assert payload.mass == pytest.approx(LOAD.mass, abs=3.0 * payload.mass_std)
             memory = learnt
         drifted(made, rng)
-        if log == 4:
+        if log == 2:
             motor = made.true.dynamics[joint]
             other = JointDynamics(2.0 * motor.armature, motor.viscous, motor.coulomb + 2.0, motor.offset - 0.3)
             made.true = made.true.with_dynamics({joint: other})
-    assert memory.logs == 9
+    assert memory.logs == 5
     assert bars[-1] < 0.8 * bars[0]
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -13,6 +14,7 @@ from stadera.lab.laws.poses import SETTLED
 from stadera.lab.laws.static import MassEstimator
 from stadera.lab.scenarios.catalog import SimulateSettings
 from stadera.lab.scenarios.run import simulate
+from stadera.logs.recording import take
 from stadera.robot import load_robot
 from stadera.robot.stance import standing_configuration
 from stadera.trunk import ContactForceEstimator, Measurement, StaticDetector, StaticLimits, Status, TrunkBounds
@@ -166,7 +168,7 @@ def noisy(rate: float, seconds: float, std: float, moving: float = 0.0, seed: in
 
 
 @pytest.mark.parametrize("rate", [50.0, 100.0, 1000.0])
-@pytest.mark.parametrize("std", [0.0, 0.02, 0.04])
+@pytest.mark.parametrize("std", [0.0, 0.04])
 def test_rest_and_motion_are_told_alike_at_every_rate(rate: float, std: float) -> None:
     """The limit is of motion, whatever the noise and however often it is sampled."""
     for moving in (0.0, 1.5 * SETTLED.joint_velocity):
@@ -190,11 +192,11 @@ def test_noise_of_velocities_is_heard_beside_motion(rate: float) -> None:
     assert np.sqrt(noise.variance) == pytest.approx(std, rel=0.2)
 
 
-@pytest.mark.parametrize("rate", [50.0, 100.0])
-def test_a_simulated_stand_is_at_rest_with_and_without_imu(rate: float) -> None:
-    log = simulate(ROBOT, "stand", SimulateSettings(duration=4.0, rate=rate, seed=5)).recording
-    for measurements in (measurements_of(log, ROBOT), measurements_without_imu(log, ROBOT)):
+def test_a_simulated_stand_is_at_rest_with_and_without_imu() -> None:
+    fast = simulate(ROBOT, "stand", SimulateSettings(duration=3.0, rate=100.0, seed=5)).recording
+    for every, made in itertools.product((1, 2), (measurements_of, measurements_without_imu)):
         gate = StaticDetector(FORCES.robot, SETTLED)
-        still = [m.time for m in measurements if not gate.complaint(m, FORCES.at(m))]
+        log = take(fast, slice(None, None, every))
+        still = [m.time for m in made(log, ROBOT) if not gate.complaint(m, FORCES.at(m))]
         assert still[0] < 1.2
-        assert len(still) > 0.95 * rate * (4.0 - still[0])
+        assert len(still) > 0.95 * (100.0 / every) * (3.0 - still[0])
