@@ -146,7 +146,6 @@ _AS_STATED = (
     "link_com",
     "imu_lever",
     "imu_rotation",
-    "accelerometer",
     "imu_response",
     "velocity_lag",
     "common_gain",
@@ -206,6 +205,7 @@ class ErrorModel:
         self.resting = np.hypot(self.dry, np.minimum(legs["coulomb"], sizes.coulomb * self.limit))
         std: dict[str, Array | float] = {**legs, **{f"limb_{name}": own for name, own in limbs.items()}}
         std |= {name: getattr(sizes, name) for name in _AS_STATED}
+        std["accelerometer"] = np.array([sizes.accelerometer, sizes.accelerometer, sizes.accelerometer_vertical])
         std |= dict.fromkeys(("stiction", "standstill"), sizes.held * self.resting)
         std |= {"unfelt": robot.unfelt_std[list(self.layout.unfelt)], "sampling": 1.0}
         std |= {"limb_stiction": sizes.held * limbs["coulomb"], "limb_gain": sizes.gain}

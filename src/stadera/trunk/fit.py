@@ -206,7 +206,8 @@ class ModelFit:
         self.fit = Fit.of(rows, usual)
         if rows.moved:
             self.sizes.update(*usual.evidence(self.swing))
-        self.errors = Errors(self.model, self.swing, self.sizes.factors, rows)
+        gravity = front.at_rest.known(layout, self._settings.model)
+        self.errors = Errors(self.model, self.swing, self.sizes.factors, rows, gravity=gravity)
         laws = [layout.places[name] for name in ("rotor", "viscous", "coulomb")]
         front.know_joints(*(np.array([x[law] for law in laws]) for x in (self.errors.mean, self.errors.std)))
         self.swing_misfit = self.swing.misfit if front.seen >= self._settings.evaluated else None

@@ -21,6 +21,7 @@ from stadera.trunk.block_rows import BlockRows
 from stadera.trunk.error_model import ErrorLayout
 from stadera.trunk.ground import GroundNormal, turned
 from stadera.trunk.measurement import Measurement
+from stadera.trunk.noise import AtRest
 from stadera.trunk.rows import RowMaker
 from stadera.trunk.samples import SampleBuffer, Samples, Stretch
 from stadera.trunk.settings import TrunkSettings
@@ -95,6 +96,11 @@ class Front:
     def spikes(self) -> int:
         """Number of samples of which single wild values were replaced."""
         return self._spikes.replaced
+
+    @property
+    def at_rest(self) -> AtRest:
+        """Specific force while the robot rests."""
+        return self._maker.at_rest
 
     def know_joints(self, mean: Array, std: Array) -> None:
         """Takes rotor inertia, viscous and Coulomb friction of the legs' joints (3, joints), and their standard

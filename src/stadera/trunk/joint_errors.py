@@ -56,6 +56,7 @@ class Errors:
         rows: sums of the loaded legs; None before any.
         learnt: errors that are estimated from `rows`, from the first one on; the rest is considered. None for those
             of the model's layout.
+        gravity: what a robot at rest tells, see `AtRest.known`.
 
     Attributes:
         layout: places of the errors.
@@ -72,6 +73,7 @@ class Errors:
         scale: Array | None = None,
         rows: RowSums | None = None,
         learnt: slice | None = None,
+        gravity: Array | None = None,
     ) -> None:
         self.layout = model.layout
         self._offsets, self._drift, self._alike = model.layout.places["offset"], model.drift, model.renewed
@@ -87,7 +89,12 @@ class Errors:
         self.covariance[gain, gain] -= variance[gain].mean() / self.layout.joints
         before, rest, by_rest = self.covariance.copy(), slice(learnt.stop, count), None
         if rows is not None and rows.moved:
-            by_rest = self._learn(_Root(root_of(covariance), np.sqrt(variance[learnt]), gain), rows, learnt)
+            by_rest = self._learn(_Root(root_of(covariance), np.sqrt(variance[learnt]), gain), rows, learnt, gravity)
+        elif gravity is not None:
+            y, h = gravity[0], gravity[1:]
+            along = self.covariance @ h
+            self.mean += along * (y - h @ self.mean) / (1.0 + h @ along)
+            self.covariance -= np.outer(along, along) / (1.0 + h @ along)
         self._model, self._scale = model, scale
         before[stuck, stuck] = self.covariance[stuck, stuck] = self._held(model, swing, sticking)
         self.prior = before
@@ -102,21 +109,23 @@ class Errors:
         """(errors, errors), the covariance before any row, of errors that residuals show."""
         return np.asarray(self._model.covariance * np.outer(self._scale, self._scale))
 
-    def _learn(self, root: _Root, rows: RowSums, learnt: slice) -> Array:
+    def _learn(self, root: _Root, rows: RowSums, learnt: slice, gravity: Array | None) -> Array:
         """Updates mean and covariance of the errors that are estimated. Returns S M_c/σ², by these and the rest."""
         p = self.mean[learnt]
         sums = [(rows.in_motion, 6.0 * rows.moved)]
         if rows.limb_count:
             sums.append((rows.of_limbs, rows.limb_count))
         parts = [_Quadratic.of(each, p, root) for each, _ in sums]
+        known = [] if gravity is None else [(_Quadratic.of(np.outer(gravity, gravity), p, root), 1.0)]
         louds, found = [rows.repeats] * len(sums), np.zeros(len(p))
         for _ in range(2):  # the second pass uses the first one's residual
             each = [max(part.at(found) / count, QUIETEST) for part, (_, count) in zip(parts, sums, strict=True)]
             louds = [rows.repeats * variance for variance in each]
-            system = np.asarray(sum(part.normal / loud for part, loud in zip(parts, louds, strict=True)))
+            every = [*zip(parts, louds, strict=True), *known]
+            system = np.asarray(sum(part.normal / loud for part, loud in every))
             system.flat[:: len(system) + 1] += 1.0
             factor = lapack.dpotrf(system)[0]
-            along = sum(part.along / loud for part, loud in zip(parts, louds, strict=True))
+            along = sum(part.along / loud for part, loud in every)
             found = lapack.dpotrs(factor, along)[0]
         self.scatter, inverse = rows.repeated * each[0], root.before(lapack.dtrtri(factor)[0])
         self._weighed = np.asarray(sum(total / loud for (total, _), loud in zip(sums, louds, strict=True)))

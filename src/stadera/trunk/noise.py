@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import lru_cache
-from math import exp, inf
+from math import exp, inf, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -23,6 +23,8 @@ from scipy.special import gammaincinv
 
 from stadera.constants import GRAVITY
 from stadera.robot.model import Robot
+from stadera.trunk.error_model import ErrorLayout
+from stadera.trunk.settings import ModelErrors
 from stadera.trunk.window import Window
 from stadera.types import Array, Bools
 
@@ -166,3 +168,28 @@ class Lately:
             struck = inf if share == 1.0 else 0.5 * GRAVITY  # the first block is all that is known
             out[b] = self._gravity = carried + share * np.clip(force[b] - carried, -struck, struck)
         return out
+
+
+class AtRest:
+    """Mean specific force of a robot at rest, which is gravity: it tells the accelerometer's error along it.
+
+    Over a time T the trunk's velocity changes by what it has left at both ends, so the mean is off by √2 `settles` / T.
+    """
+
+    def __init__(self) -> None:
+        self._time, self._beyond, self._along = 0.0, 0.0, np.zeros(3)
+
+    def add(self, force: Array, elapsed: Array) -> None:
+        """Takes in blocks at rest: specific force (B, 3), and their durations (B,) [s]."""
+        size = np.linalg.norm(force, axis=1)
+        self._time += float(elapsed.sum())
+        self._beyond += float(elapsed @ (size - GRAVITY))
+        self._along += (elapsed / np.maximum(size, 1e-300)) @ force
+
+    def known(self, layout: ErrorLayout, sizes: ModelErrors) -> Array | None:
+        """y and h (1 + errors,) of y = h p + ε, all over the standard deviation of ε; None before any rest."""
+        if not self._time:
+            return None
+        out = np.zeros(1 + layout.count)
+        out[0], out[1:][layout.places["accelerometer"]] = self._beyond, self._along
+        return np.asarray(out / np.hypot(sizes.gravity * self._time, sqrt(2.0) * sizes.settles))

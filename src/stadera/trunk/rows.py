@@ -45,7 +45,7 @@ from stadera.trunk.error_model import ErrorLayout
 from stadera.trunk.ground import turned
 from stadera.trunk.halves import SUMMED, TERMS, HalfWindows, Sums
 from stadera.trunk.limbs import LimbRows, by_mass_and_centre
-from stadera.trunk.noise import Lately, Variances, WhiteNoise
+from stadera.trunk.noise import AtRest, Lately, Variances, WhiteNoise
 from stadera.trunk.samples import Samples
 from stadera.trunk.settings import SwingDetection
 from stadera.trunk.swing import Lifted
@@ -101,7 +101,7 @@ class RowMaker:
 
     Attributes:
         body: the robot as a tree. noise: white noise of all channels, estimated from the log.
-        lifted: tells legs in the air.
+        lifted: tells legs in the air. at_rest: specific force while all joints of the legs stand.
         weight: of the robot [N]. flat: least det J [m³].
     """
 
@@ -117,7 +117,7 @@ class RowMaker:
         self._channels = np.concatenate([2 * n + J, n + J, 3 * n + np.arange(6)])  # of the noise, among all
         self._half: Sums | None = None  # of the block before
         self._sign = 1.0  # of alternating sums: goes on from block to block, also where these have odd numbers
-        self._lately = Lately()
+        self._lately, self.at_rest = Lately(), AtRest()
 
     def _use(self, body: Body) -> None:
         """Takes a body with or without the joints outside the legs."""
@@ -234,6 +234,8 @@ class RowMaker:
             speed, least = np.hstack([speed, of_limbs]), np.hstack([least, np.full_like(of_limbs, _SLOW**2)])
         still = self._lately.still(speed, least, follows)
         gravity = self._lately.gravity(sums["signals"][:, :3], turned(second["omega"], elapsed), elapsed, follows)
+        rests = still[:, :J].all(axis=1) & follows
+        self.at_rest.add(sums["signals"][rests, :3], elapsed[rests])
         if self._limbs is not None:
             self._quieten_limbs(sums, first["posture"], still, gravity, follows)
         responses = Responses.of(trunk, sums["probes"])

@@ -40,10 +40,15 @@ class ModelErrors:
             grease, which CAD lacks; assumed.
         imu_lever: position of the IMU, each component [m]. imu_rotation: of its axes, each component [rad]. Assumed: a
             board in a housing, whose place model files state to a centimetre.
-        accelerometer: constant error, each axis [m/s²]. Assumed for a MEMS sensor that was calibrated at rest and has
-            warmed up by 20 K since: 0.25 mg/K, as is quoted of Bosch's BMI270 (second hand; the data sheet was not
-            read). Without calibration 20 mg are quoted of BMI270 and BMI088, four times as much, which acts on the
-            trunk's mass like a gain of 2 %.
+        accelerometer: constant error along the trunk's x and y axes [m/s²], where it acts as a turn of the IMU does, of
+            which `imu_rotation` has twice as much. Assumed for a MEMS sensor that was calibrated at rest and has warmed
+            up by 20 K since: 0.25 mg/K, as is quoted of Bosch's BMI270 (second hand; the data sheet was not read).
+        accelerometer_vertical: along its z axis [m/s²], which acts on the trunk's mass like a gain of 1 %. At rest a
+            real Go2 reads 9.48 to 9.54 m/s², 0.3 less than gravity, a real G1 9.82 and 9.84.
+        gravity: deviation of the mean specific force of a robot at rest from gravity, without that error [m/s²]: 9.78
+            to 9.83 on Earth, and 0.015 from stand to stand of the Go2.
+        settles: vertical velocity of its trunk at the beginning and the end of a rest [m/s]. Assumed. Half and three
+            times either move a real Go2's trunk by up to 0.25 of 9.9 kg.
         imu_response: share of the changes of the specific force, each axis, that the torques do not follow [1]:
             vibration, touchdowns between two samples, an accelerometer's filter, torques that are commands. 0.3 to 0.9
             on five walks of a real Mini Cheetah; of a robot whose IMU is good it is estimated to be next to nothing.
@@ -115,6 +120,9 @@ class ModelErrors:
     imu_lever: float = 0.015
     imu_rotation: float = 0.01
     accelerometer: float = 0.05
+    accelerometer_vertical: float = 0.1
+    gravity: float = 0.03
+    settles: float = 0.05
     imu_response: float = 0.4
     torque_lag: float = 0.01
     velocity_lag: float = 0.001
