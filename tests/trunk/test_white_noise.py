@@ -54,3 +54,29 @@ def test_noise_of_windowed_accelerations_is_that_of_drawn_ones(n: int) -> None:
     window = np.concatenate([half_window(n), half_window(n)[::-1]])
     drawn = 0.5 * (x[:, 2:] - x[:, :-2]) @ window
     assert 2.0 * half_differences(n) == pytest.approx(drawn.var(), rel=0.015)
+
+
+def test_noise_of_long_mean_accelerations_is_the_same_with_uneven_stamps() -> None:
+    """Velocities of noise at 500 Hz, of stamps that jitter by most of a step, over 20 blocks; plain means of each
+    sample's own acceleration would be ten times as loud.
+    """
+    rng, n, blocks, step = np.random.default_rng(0), 10, 20, 2e-3
+    plain, rising = window_of((n,) * (blocks + 1)), half_window(blocks // 2)
+    slow = np.concatenate([rising, rising[::-1]])
+    even, drawn = step * np.arange(n * (blocks + 1) + 2), {"even": [], "uneven": []}
+    for _ in range(200):
+        v, uneven = rng.standard_normal((len(even), 1)), np.sort(even + rng.uniform(0.0, 0.9 * step, len(even)))
+        for name, time in {"even": even, "uneven": uneven}.items():
+            window = plain.at(time)
+            mean = window.sums(window.halves, (v[2:] - v[:-2]) / (time[2:] - time[:-2])[:, None])
+            drawn[name].append(slow @ (mean[:-1, 0] + mean[1:, 1]))
+    assert np.std(drawn["uneven"]) < 1.4 * np.std(drawn["even"])
+
+
+def test_halves_at_even_stamps_are_a_raised_cosine_and_at_any_sum_to_one_half() -> None:
+    """The rising one is that of the samples' numbers; both share a block's time."""
+    rng, sizes = np.random.default_rng(1), (4, 10, 2)
+    even, plain = np.arange(sum(sizes) + 2.0), window_of(sizes)
+    np.testing.assert_allclose(plain.at(even).halves[0], np.concatenate([half_window(n) for n in sizes]), atol=1e-12)
+    uneven = plain.at(even + rng.uniform(0.0, 0.9, len(even)))
+    np.testing.assert_allclose(uneven.sums(uneven.halves, np.ones((len(even) - 2, 1))).sum(axis=1), 1.0, atol=1e-12)

@@ -100,7 +100,7 @@ class HalfWindows:
         if self._limbs is not None:
             at, count = self._limbs.joints, samples.position.shape[1]
             torque = samples.extra[1:-1, 2 * (len(body.joints) - count) + at - count]
-            out |= self._limbs.sums(window, motion, state, torque)
+            out |= self._limbs.sums(window.at(samples.time), motion, state, torque)
             last = window.edges[1:] - 1
             out["posture"] = np.hstack([motion.position[last], motion.normal[last]])
         return out

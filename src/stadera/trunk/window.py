@@ -42,6 +42,18 @@ class Window(NamedTuple):
     averaged: Array
     differences: Array
 
+    def at(self, time: Array) -> Window:
+        """The same with its halves at stamps (N + 2,), those of the samples before and after included.
+
+        By the trapezoidal rule each sample counts for half the time between its neighbours, the time over which
+        derivatives are differences of these. So in their sum the values' noise cancels, however uneven the stamps are.
+        """
+        between = 0.5 * (time[1:] + time[:-1])
+        begin, end = (between[edges][self.block] for edges in (self.edges[:-1], self.edges[1:]))
+        share = np.diff(between) / (end - begin)
+        rising = (0.5 - 0.5 * np.cos(np.pi * (time[1:-1] - begin) / (end - begin))) * share
+        return self._replace(halves=np.stack([rising, share - rising]))
+
     def sums(self, weights: Array, values: Array) -> Array:
         """Weighted sums (B, H, ...) of values (N, ...) over each block, weights (H, N)."""
         out = np.zeros((len(self.edges) - 1, len(weights), values[0].size))
