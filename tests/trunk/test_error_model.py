@@ -382,7 +382,7 @@ def test_gears_of_arms_have_more_friction() -> None:
     for name in ("viscous", "coulomb"):
         np.testing.assert_allclose(std[name], getattr(sizes, name) * model.limit)
         np.testing.assert_allclose(std[f"limb_{name}"], sizes.limbs * getattr(sizes, name) * limb_limits(robot))
-    np.testing.assert_allclose(std["limb_stiction"], sizes.limbs * sizes.coulomb * limb_limits(robot))
+    np.testing.assert_allclose(std["limb_stiction"], sizes.limbs * sizes.coulomb * limb_limits(robot) / np.sqrt(3.0))
 
 
 def test_gears_on_flat_feet_may_be_of_either_kind() -> None:

@@ -7,14 +7,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from stadera.body import Body
+from stadera.robot import load_robot
 from stadera.trunk.block_rows import WeightedRows
 from stadera.trunk.error_model import QUIETEST, ErrorLayout
 from stadera.trunk.history import RobustWeights
+from stadera.trunk.limbs import LimbRows, by_mass_and_centre
 from stadera.trunk.placed import Held, log_odds
 from stadera.trunk.segment import Segment
 from stadera.trunk.settings import OutlierSettings
 from stadera.types import Array
 
+OF_DRIVES = ("rotor", "viscous", "coulomb", "stiction")
 LAYOUT = ErrorLayout(6, 6, 2, (3, 3), limbs=3)
 PLACES, BLOCKS, LOUDER = 2, 30, 7.0
 LOUD = 4.0  # variance of rows that repeat one error
@@ -119,3 +123,20 @@ def test_each_row_has_a_usual_size_of_its_own() -> None:
         weights.append(robust.weight(columns, segment, np.zeros(LAYOUT.count)))
     np.testing.assert_allclose(np.sqrt(robust.noise), sizes, rtol=0.25)
     assert np.mean(weights) == pytest.approx(1.0, abs=0.15)
+
+
+def test_joints_of_limbs_share_the_scale_of_all_torques_and_either_rest_or_slide() -> None:
+    """Signs of velocities that are noise would tell that joints which rest have no friction."""
+    robot = load_robot("b1_z1")
+    body, layout, rng = Body.of(robot), ErrorLayout.of(robot), np.random.default_rng(0)
+    limbs = LimbRows(robot, body, (), layout)
+    count = len(limbs.joints)
+    still = rng.uniform(size=(4, count)) < 0.5
+    sums = {"limb_terms": rng.uniform(0.5, 1.5, (4, count, 5)), "limb_left": np.zeros((4, count))}
+    sums["limb_columns"] = rng.standard_normal((4, count, count, 10))
+    limbs.quieten(sums, np.zeros(4, dtype=bool), None, still)
+    C = limbs.rows(sums, by_mass_and_centre(body), still)[:, :, 11:]
+    at = {name: np.diagonal(C[:, :, layout.places[f"limb_{name}"]], axis1=1, axis2=2) for name in (*OF_DRIVES, "gain")}
+    np.testing.assert_array_equal(C[:, :, layout.places["common_gain"].start], at["gain"])
+    for name in OF_DRIVES:
+        np.testing.assert_array_equal(at[name] != 0.0, still if name == "stiction" else ~still)

@@ -208,7 +208,8 @@ class ErrorModel:
         std["accelerometer"] = np.array([sizes.accelerometer, sizes.accelerometer, sizes.accelerometer_vertical])
         std |= dict.fromkeys(("stiction", "standstill"), sizes.held * self.resting)
         std |= {"unfelt": robot.unfelt_std[list(self.layout.unfelt)], "sampling": 1.0}
-        std |= {"limb_stiction": sizes.held * limbs["coulomb"], "limb_gain": sizes.gain}
+        # an arm that is held trembles with the robot: friction of its joints is anywhere between its bounds
+        std |= {"limb_stiction": sizes.held * limbs["coulomb"] / np.sqrt(3.0), "limb_gain": sizes.gain}
         std |= {"limb_mass": sizes.link_mass, "limb_com": sizes.link_com}
         deviation = np.zeros(self.layout.count)
         for name, place in self.layout.places.items():

@@ -4,12 +4,13 @@ With X_k the inertial wrench of link k as columns of its ten parameters (`stader
 that is added to it changes
 
     the trunk's rows:     A θ - (∂b/∂φ_k) φ + C p = b
-    a limb's joint j:     r_jᵀ X_k φ + I_r q̈ + b q̇ + c s + o + g τ + √(1 - s²) p_s + Σ_i r_jᵀ X_i δφ_i = τ - h
+    a limb's joint j:     r_jᵀ X_k φ + I_r q̈ + b q̇ + c s + o + (g + g_0) τ + p_s + Σ_i r_jᵀ X_i δφ_i = τ - h
 
-for all joints j between it and the trunk, with p_s only while the joint rests: as it turns back its friction changes
-sign with it, which is noise; δφ_i of masses and centres of the limb's own links. ∂b/∂φ_k are
-`State.columns`, which are -X_k for a link outside the legs, and r_j takes a wrench to the torque that joint j needs.
-So a hand that holds still tells by its arm's torques what it holds, and one that moves by the trunk's rows too.
+for all joints j between it and the trunk, with p_s only while the joint rests, and I_r, b and c only while it does not:
+as it turns back its friction changes sign with it, which is noise; g_0 is the scale of all joints' torques; δφ_i of
+masses and centres of the limb's own links. ∂b/∂φ_k are `State.columns`, which are -X_k for a link outside the legs, and
+r_j takes a wrench to the torque that joint j needs. So a hand that holds still tells by its arm's torques what it
+holds, and one that moves by the trunk's rows too.
 """
 
 from __future__ import annotations
@@ -95,13 +96,14 @@ class LimbRows:
         """Puts what acts on the links of a robot that stands in place of noise, in windows' sums.
 
         Columns of accelerations that are noise would be correlated with the target's, and a load or an error of a link
-        that is minus the link itself would explain both.
+        that is minus the link itself would explain both. By signs of velocities that are noise joints that rest would
+        seem to have no friction.
 
         Args:
             sums: of B windows, also "by_links". rests: (B,), in which the trunk rests. state: of those, None of none.
-            still: (B, l), joints whose accelerations are noise.
+            still: (B, l), joints that rest.
         """
-        sums["limb_terms"][..., 0] *= ~still
+        sums["limb_terms"][..., :3] *= ~still[..., None]
         if state is not None:
             known = (sums["limb_terms"][rests, :, 3] > 0.0).astype(float)
             sums["by_links"][rests] = state.columns
@@ -120,9 +122,8 @@ class LimbRows:
         terms = sums["limb_terms"]
         for k, name in enumerate(TERMS):
             C[:, each, layout.places[name].start + each] = terms[..., k]
-        # by the mean direction s: noise of single velocities is no motion
-        stuck = np.sqrt(np.maximum(terms[..., 3] ** 2 - terms[..., 2] ** 2, 0.0))
-        C[:, each, layout.places["limb_stiction"].start + each] = still * stuck
+        C[:, :, layout.places["common_gain"].start] = terms[..., TERMS.index("limb_gain")]
+        C[:, each, layout.places["limb_stiction"].start + each] = still * terms[..., 3]
         own = by_mass_and_centre[self.joints]
         self._own(C, (columns[:, :, :count, None] @ own)[..., 0, :])
         out[:, :, 11 + layout.count :] = columns[:, :, count:].reshape(len(columns), count, -1)
