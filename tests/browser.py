@@ -7,7 +7,7 @@ import json
 import re
 import shutil
 import subprocess
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -40,13 +40,15 @@ _MEASURE = """
 }, 1500));</script>"""
 
 
-def measure(pages: Mapping[str, str], folder: Path, *, dark: bool = False) -> dict[str, dict[str, Any]]:
+def measure(
+    pages: Mapping[str, str], folder: Path, *, dark: bool = False, widths: Sequence[int] = (DESK, PHONE)
+) -> dict[str, dict[str, Any]]:
     """Places and colours of each page by `NAME-WIDTH`; nothing moves meanwhile."""
     frames = "".join(
         f'<iframe id="{name}-{width}" style="width:{width}px;height:{SCREEN}px;border:0" '
         f'srcdoc="{markup.escape(page)}"></iframe>'
         for name, page in pages.items()
-        for width in (DESK, PHONE)
+        for width in widths
     )
     path = folder / "frames.html"
     path.write_text(f'<!DOCTYPE html><meta charset="utf-8"><pre></pre>{frames}{_MEASURE}', encoding="utf-8")

@@ -159,7 +159,7 @@ def test_orientation_by_the_controllers_stiffness(run: Run, loading: Path, truth
 
 
 def test_poses_show_the_height(run: Run, tmp_path: Path) -> None:
-    log = simulated(tmp_path / "poses.csv", "poses", "--errors", "ideal", "--duration", 16.5, "--rate", 50)
+    log = simulated(tmp_path / "poses.csv", "poses", "--errors", "ideal", "--duration", 11, "--rate", 50)
     out = tmp_path / "found.json"
     assert run("weigh", log, "--robot", "hyq", "--method", "standing", "--json", out).code == 0
     hyq, trunk = load_robot("hyq"), json.loads(out.read_text())["trunk"]

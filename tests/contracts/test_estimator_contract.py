@@ -289,7 +289,9 @@ def test_is_as_sure_as_it_may_be(method: str, seeds: range) -> None:
             feet=0.4 * WIDE_FOOT * rng.standard_normal((4, 3)) if wide else None,
         )
         poses = poses_of(method) if wide else poses_of(method)[:5]
-        estimate = fed(method, errors=errors, seed=seed, poses=poses, seconds=8.0 if wide else 5.0, dt=0.04)
+        estimate = fed(
+            method, errors=errors, seed=seed, poses=poses, seconds=8.0 if wide else max(3.0, len(poses)), dt=0.04
+        )
         seen = estimate.observed
         off = (estimate.value - np.array([TRUTH.trunk_mass, *TRUTH.trunk_com]))[seen]
         squares += float(off @ np.linalg.solve(estimate.covariance[np.ix_(seen, seen)], off))

@@ -27,12 +27,12 @@ def weighed():
     return resident()
 
 first = [weighed() for _ in range(2)][-1]
-print(max(weighed() for _ in range(8)) - first)
+print(max(weighed() for _ in range(5)) - first)
 """
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="looks at /proc")
-def test_a_process_is_no_larger_after_ten_logs_than_after_two(logs: Path) -> None:
+def test_a_process_is_no_larger_after_seven_logs_than_after_two(logs: Path) -> None:
     log = str(logs / "unit1/a.parquet")
     grown = float(subprocess.run([sys.executable, "-c", GROWN, log], check=True, capture_output=True, text=True).stdout)
     assert grown < 3.0  # MB; 15 MB a log if what the estimator refers to in a circle is kept

@@ -37,7 +37,7 @@ def made() -> Robot:
 def walk() -> Recording:
     """A crawl of the robot: what its drives need more than the model's is added to the torques."""
     recording = simulate(
-        hyq(), "crawl", SimulateSettings(errors="standard", duration=10.0, rate=250.0, seed=1, hold=2)
+        hyq(), "crawl", SimulateSettings(errors="standard", duration=7.0, rate=250.0, seed=1, hold=2)
     ).recording
     knees = [recording.joints.index(leg.joints[2]) for leg in hyq().legs]
     assert recording.effort is not None

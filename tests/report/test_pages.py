@@ -164,7 +164,7 @@ def test_the_first_screen_answers(measured, name: str, width: int) -> None:
 
 @needs_browser
 def test_pages_are_dark_where_the_reader_s_screen_is(pages, measured, tmp_path: Path) -> None:
-    dark = measure({"weigh": pages["weigh"]}, tmp_path, dark=True)[f"weigh-{DESK}"]
+    dark = measure({"weigh": pages["weigh"]}, tmp_path, dark=True, widths=(DESK,))[f"weigh-{DESK}"]
     light = measured[f"weigh-{DESK}"]
     assert brightness(dark["ink"]) - brightness(dark["paper"]) > 150.0
     assert brightness(light["paper"]) - brightness(light["ink"]) > 150.0

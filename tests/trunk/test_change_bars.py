@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from copy import deepcopy
+from functools import cache
+
 import numpy as np
 import pytest
 
 from stadera.lab.scenarios.catalog import Load, SimulateSettings
 from stadera.lab.scenarios.run import simulate
+from stadera.logs import Recording
 from stadera.robot import load_robot
 from stadera.trunk.estimator import TrunkEstimator
 from stadera.trunk.samples import Samples
@@ -16,15 +20,24 @@ SETTINGS = ChangeSettings()
 BLOCK = 0.02
 
 
-def loaded_walk(errors: str = "standard") -> tuple[TrunkEstimator, Samples]:
+@cache
+def loaded_walk(errors: str = "standard") -> Samples:
     robot = load_robot("hyq")
     load = Load(8.0, "kg", (0.0, 0.0, 0.15))
     settings = SimulateSettings(errors, load, duration=5.0, seed=4, load_time=3.0, hold=2)
-    return TrunkEstimator(robot), Samples.of_recording(simulate(robot, "trot-load", settings).recording, robot)
+    return Samples.of_recording(simulate(robot, "trot-load", settings).recording, robot)
+
+
+@cache
+def loaded_stand() -> Recording:
+    """A tenth of the robot is put on after 4 s."""
+    robot = load_robot("hyq")
+    settings = SimulateSettings("standard", Load(0.1 * robot.mass), duration=5.5, seed=3, load_time=4.0, hold=2)
+    return simulate(robot, "stand", settings).recording
 
 
 def test_a_tare_leaves_out_its_blocks_and_bars_say_what_errors_do() -> None:
-    estimator, samples = loaded_walk()
+    estimator, samples = TrunkEstimator(load_robot("hyq")), loaded_walk()
     before = samples.time < 2.5
     estimator.add(samples[before])
     estimator.tare()
@@ -48,7 +61,7 @@ def test_a_tare_leaves_out_its_blocks_and_bars_say_what_errors_do() -> None:
 
 def test_bars_of_a_payload_and_of_its_change_have_what_friction_does_beyond_its_law() -> None:
     """Twice the correction, and none, which moves no estimate; drives without friction have nothing to correct."""
-    _, samples = loaded_walk("harsh")
+    samples = loaded_walk("harsh")
     bars = []
     for share in (0.0, 2.0):
         estimator = TrunkEstimator(load_robot("hyq"), settings=TrunkSettings(model=ModelErrors(friction_law=share)))
@@ -66,10 +79,8 @@ def test_bars_of_a_payload_and_of_its_change_have_what_friction_does_beyond_its_
 
 @pytest.mark.parametrize("joint", [None, "lf_kfe_joint"])
 def test_a_joint_that_never_rests_does_not_put_off_what_a_standing_robot_notices(joint: str | None) -> None:
-    """One joint's encoder goes to and fro by 20 mrad once a second; a tenth of the robot is put on after 4 s."""
-    robot = load_robot("hyq")
-    settings = SimulateSettings("standard", Load(0.1 * robot.mass), duration=5.5, seed=3, load_time=4.0, hold=2)
-    log = simulate(robot, "stand", settings).recording
+    """One joint's encoder goes to and fro by 20 mrad once a second."""
+    robot, log = load_robot("hyq"), deepcopy(loaded_stand())
     assert log.velocity is not None
     if joint is not None:
         k, turn = log.index(joint), 2.0 * np.pi * log.time

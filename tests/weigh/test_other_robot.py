@@ -21,7 +21,7 @@ from stadera.weigh import weigh
 @pytest.fixture(scope="module")
 def go2_trot() -> Recording:
     load = Load(2.0, "kg", (0.0, 0.0, 0.12))
-    settings = SimulateSettings("standard", load, duration=5.0, seed=5, load_time=3.0, hold=2)
+    settings = SimulateSettings("standard", load, duration=5.0, rate=250.0, seed=5, load_time=3.0, hold=2)
     log = simulate(load_robot("go2"), "trot-load", settings).recording
     assert log.imu is not None
     return replace(log, imu=replace(log.imu, frame=None))  # the robots name the IMU's frame differently

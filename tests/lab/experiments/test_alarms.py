@@ -59,5 +59,5 @@ def test_an_alarm_with_standard_errors_misses_the_bound() -> None:
 
 
 def test_a_short_run() -> None:
-    found = watch(AlarmCase("go2", "errands", "standard", 0, 8.0))
-    assert found == {"fell": None, "seconds": pytest.approx(8.0, abs=0.01), "alarms": []}
+    found = watch(AlarmCase("go2", "errands", "standard", 0, 4.0))
+    assert found == {"fell": None, "seconds": pytest.approx(4.0, abs=0.01), "alarms": []}

@@ -38,7 +38,7 @@ def test_a_load_in_the_hand_of_a_g1_is_weighed() -> None:
         robot = load_robot("g1")
     except MissingExtraError as error:
         pytest.skip(str(error))
-    outcome = weighed(CarryCase("g1", "shake", "hand", "ideal", 0, duration=5.0))
+    outcome = weighed(CarryCase("g1", "shake", "hand", "ideal", 0, duration=4.0))
     assert outcome["at"] == hand_of(robot)
     assert outcome["mass"] == pytest.approx(outcome["true_mass"], abs=0.005 * robot.mass)
 
