@@ -270,14 +270,16 @@ def test_what_leaves_nothing_to_weigh_by_is_an_error_and_the_rest_a_note(hyq: Ro
     assert "1 gap in time" in notes(take(clean, gap))[0]
 
 
-def test_a_robot_that_hangs_is_not_on_its_feet(hyq: Robot) -> None:
+@pytest.mark.parametrize(("share", "words"), [(1.0, "but in the air"), (0.1, "the motors seem to be off")])
+def test_a_robot_that_hangs_is_not_on_its_feet(hyq: Robot, share: float, words: str) -> None:
     log, plant = static_log(hyq), StandingRobot(hyq)
     gravity = np.array([plant.holding(q, np.eye(3)) for q in log.position])
     upright = np.tile([0.0, 0.0, GRAVITY], (len(log), 1))
     assert log.imu is not None
-    log = replace(log, effort=gravity, imu=Imu(log.imu.angular_velocity, upright, None, hyq.trunk))
+    log = replace(log, effort=share * gravity, imu=Imu(log.imu.angular_velocity, upright, None, hyq.trunk))
     (finding,) = [f for f in diagnose(log, hyq) if f.cause != "stuck"]
     assert finding.cause == "not_on_feet"
+    assert words in finding.message
 
 
 # -- the IMU by itself ----------------------------------------------------------------------------------------------

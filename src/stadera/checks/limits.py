@@ -18,6 +18,7 @@ class CheckLimits:
     lightest: float = 0.6
     heaviest: float = 2.2
     hanging: float = 0.15  # share of the robot's mass below which it is not on its feet
+    limp: float = 0.2  # share of the torques that carry the legs alone: a G1 with motors off has 0.06, one that hangs 1
     # between the feet's forces and the accelerometer's vertical [rad]: sound walks of eight robots have up to 11°, as
     # their stance legs' friction always pulls backwards. IMUs turned by 8 to 14° are found by the fit, which sees the
     # motion too.

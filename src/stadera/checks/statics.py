@@ -64,7 +64,7 @@ class Consistency:
 
     weighs: float  # upward part of the total contact force [kg]
     loads: Array  # (L,) [N], of each foot along the accelerometer's vertical
-    hangs: bool  # True if the feet carry almost nothing, in total and individually
+    hangs: bool  # True if the feet carry almost nothing, in total and individually, or the torques not even the legs
     cost: float  # sum of squares of the figures, each in units of its usual size
     faults: tuple[str, ...]  # the impossible figures, one clause each
     outlier: str  # the one of three sources of the vertical that disagrees with the other two, as the end of a sentence
@@ -83,7 +83,7 @@ class Consistency:
         return cls(
             weighs=float(total @ up) / GRAVITY,
             loads=loads,
-            hangs=bool(hangs.all()),
+            hangs=bool(hangs.all()) or limp(footing),
             cost=float(sum(np.square(sizes).sum() for sizes, _ in figures)),
             faults=tuple(chain.from_iterable(clauses for _, clauses in figures)),
             outlier=_outlier(footing, force, plane, apart, bool((loads > 0).all())),
@@ -164,8 +164,15 @@ def _outlier(footing: Footing, force: float, plane: float, apart: float, loaded:
     return "; check the joints' names, the torques' signs and units, and the IMU's frame"
 
 
+def limp(footing: Footing) -> bool:
+    """True if the torques do not even carry the legs, of a robot in any state: as of motors that are off."""
+    joints = footing.body.in_legs
+    own, given = footing.state.torque[:, joints], footing.blocks.effort[:, joints]
+    return bool((given**2).sum() < footing.limits.limp**2 * (own**2).sum())
+
+
 def hanging(footing: Footing, now: Consistency) -> Finding:
-    """Distinguishes a robot in the air from torques that are too small.
+    """Distinguishes a robot in the air from torques that are too small, or of motors that are off.
 
     In the air the torques only carry the legs; on the ground, in whatever unit, they follow those for an equal share of
     the robot's weight on each foot.
@@ -183,11 +190,14 @@ def hanging(footing: Footing, now: Consistency) -> Finding:
             "the gear, or in another unit"
         )
         return Finding("torque_unit", text, "--gear RATIO")
-    return Finding(
-        "not_on_feet",
+    text = (
         f"the feet carry {now.weighs:.2g} kg of {robot.mass:.3g} kg: the robot is not on its feet but in the "
-        "air, which is a log for `stadera identify`",
+        "air, which is a log for `stadera identify`"
     )
+    if limp(footing):
+        largest = float(np.abs(effort.mean(axis=0)).max())
+        text = f"the motors seem to be off: their torques, up to {largest:.2g} N·m in the mean, do not even carry the legs"
+    return Finding("not_on_feet", text)
 
 
 def _size(robot: Robot) -> float:
