@@ -157,6 +157,8 @@ def weigh_faulty(case: FaultyLog, logs: Path | None = None) -> dict[str, Any]:
         log, truth = case.log.made(robot, logs)
     except (ControlError, PlanError, SimulationError) as error:
         return {"fell": str(error), "faults": {}}
+    if truth.fell is not None:
+        return {"fell": truth.fell[1], "faults": {}}
     weighed = {name: _weighed(FaultCase(case.log, name), robot, log, truth) for name in case.faults}
     return {"fell": None, "faults": {name: outcome for name, outcome in weighed.items() if outcome is not None}}
 
