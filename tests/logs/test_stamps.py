@@ -112,6 +112,18 @@ def test_a_long_gap_is_as_long_as_its_stamps_say() -> None:
     assert np.diff(mended.time)[1999] == pytest.approx(0.7, abs=0.01)
 
 
+def test_a_stall_after_which_all_comes_at_once_is_no_gap() -> None:
+    """As over Wi-Fi: the joints moved as little during the longest step as during any other."""
+    rng = np.random.default_rng(4)
+    true = np.cumsum(steps(rng, 6000))
+    stamped = arrival(rng, true)
+    for k in range(500, 6000, 500):
+        stamped[k : k + 100] = np.maximum(stamped[k : k + 100], stamped[k + 100] - 1e-6 * np.arange(100, 0, -1))
+    mended = next(with_steps_of_motion((replace(log(true), time=stamped),)))
+    assert np.diff(stamped).max() > 20.0 * np.diff(true).max()
+    assert np.std(np.diff(mended.time) - np.diff(true)) < SCATTER
+
+
 def test_velocities_are_needed() -> None:
     rng = np.random.default_rng(3)
     true = np.cumsum(steps(rng, 500))

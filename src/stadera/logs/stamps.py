@@ -45,7 +45,8 @@ class StampSettings:
         enough: least number of such steps.
         memory: time constant with which the result follows the stamps [s], longer than the bursts in which samples
             arrive.
-        gap: steps of the stamps above so many mean ones are kept: joints do much during them.
+        gap: steps of the stamps above so many mean ones are kept, as joints do much during them, unless the motion
+            tells that it was a stall, after which what had gathered came at once.
         shortest: least step, share of the mean one [1].
     """
 
@@ -157,16 +158,18 @@ def _steps(
     step = np.where(square > 0.0, (mean * moved).sum(axis=1) / np.where(square > 0.0, square, 1.0), stamped)
     factor = float(np.median(step[lively] / stamped[lively]))
     by_stamps = _left(moved, mean, factor * stamped)[lively]
-    by_motion = _left(moved, mean, step)[lively] * joints / (joints - 1)
-    ratio = float(np.median(by_stamps) / max(np.median(by_motion), 1e-300))
+    left = _left(moved, mean, step) * joints / (joints - 1)
+    usual_left = max(float(np.median(left[lively])), 1e-300)
+    ratio = float(np.median(by_stamps)) / usual_left
     scale = float((step * square)[lively].sum() / (stamped * square)[lively].sum())
     if ratio < settings.ratio or abs(np.log(max(scale, 1e-9))) > np.log1p(settings.scaled):
         return None
-    noise = float(np.median(by_motion)) / joints  # of one joint's Δq, squared
+    noise = usual_left / joints  # of one joint's Δq, squared
     jitter = float(np.var((step - stamped)[lively]))
     trusted = jitter / (jitter + noise / np.maximum(square, 1e-300))  # slow joints tell little
     found = stamped + trusted * (step - stamped)
-    return stamped, np.where(short, np.maximum(found, settings.shortest * usual), stamped)
+    told = short | (left < settings.ratio * usual_left)
+    return stamped, np.where(told, np.maximum(found, settings.shortest * usual), stamped)
 
 
 def _left(moved: Array, mean: Array, step: Array) -> Array:
