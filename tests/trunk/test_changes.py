@@ -53,17 +53,20 @@ def rows(seconds: float, noise: float, load: np.ndarray, at: float, seed: int) -
 
 
 def looked(
-    made: Sequence[BlockRows], held: bool = False, known: Callable[[History], Errors] = lambda _: errors()
+    made: Sequence[BlockRows],
+    misfit: float = 1.0,
+    known: Callable[[History], Errors] = lambda _: errors(),
+    settings: ChangeSettings = SETTINGS,
 ) -> list[tuple[float, Jump]]:
     """Every jump that is found, and when; nothing begins anew. Errors are `known` by the rows, every tenth block."""
-    detector = ChangeDetector(SETTINGS, SCALE, 0.3 * wide_prior(ROBOT))
+    detector = ChangeDetector(settings, SCALE, 0.3 * wide_prior(ROBOT))
     history = History(ROBOT, TRUNK, LAYOUT, TrunkSettings())
     found, p = [], errors()
     for k, r in enumerate(made):
         history.add(r, p.mean)
         if k % 10 == 0 and history.aged.blocks:
             p = known(history)
-        jump = detector.look(history, p, held)
+        jump = detector.look(history, p, misfit)
         if jump is not None:
             found.append((r.time, jump))
     return found
@@ -93,7 +96,7 @@ def test_the_difference_is_that_of_two_segments(monkeypatch: pytest.MonkeyPatch)
     )
     for r in made:
         history.add(r, known.mean)
-        detector.look(history, known, held=False)
+        detector.look(history, known)
     detector._moved = True
     which, found = detector._differences(history, known)
     assert which[2] == 2
@@ -112,6 +115,15 @@ def test_a_load_put_on_early_is_found_once_there_are_enough_blocks_before_it() -
     time, jump = looked(rows(5.0, 5.0, load, 1.5, 1))[0]
     assert 1.5 < time < 1.8
     assert abs(time - jump.blocks * BLOCK - 1.5) < 0.1
+
+
+@pytest.mark.parametrize("misfit", [0.1, 1.0, 4.0, 25.0])
+def test_where_the_model_explains_less_a_change_has_to_be_larger(misfit: float) -> None:
+    """In proportion to the size of the residuals, and never smaller than five standard deviations."""
+    made = rows(6.0, 5.0, np.array([2.5, -0.5, 0.2, 0.3, *np.zeros(6)]), 4.0, 1)
+    larger = replace(SETTINGS, deviations=SETTINGS.deviations * max(misfit, 1.0) ** 0.5)
+    assert looked(made, misfit) == looked(made, settings=larger)
+    assert looked(made, misfit)[:1] != looked(made, 9.0)[:1]
 
 
 @pytest.mark.parametrize("noise", [1.0, 60.0])
@@ -157,7 +169,7 @@ def test_a_load_is_found_among_impacts_that_bias_the_estimate() -> None:
 def test_nothing_is_reported_while_the_model_does_not_fit() -> None:
     load = np.array([5.0, 0.0, 0.0, 0.0, *np.zeros(6)])
     assert looked(rows(6.0, 5.0, load, 4.0, 1))
-    assert not looked(rows(6.0, 5.0, load, 4.0, 1), held=True)
+    assert not looked(rows(6.0, 5.0, load, 4.0, 1), np.inf)
 
 
 def test_a_load_far_smaller_than_the_joints_disturbance_is_found_at_its_time() -> None:

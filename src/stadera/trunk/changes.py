@@ -12,14 +12,15 @@ that it had, unless its load changes, so there it cancels.
 
 What a robot does and the model does not know makes these ratios larger, differently for different n. Their mean square
 under a constant load is taken from the log; one, as honest bars have it, counts as some ratios seen before. A change is
-reported when it exceeds the least change and a number of standard deviations several times in succession. A sustained
-push is reported as a change too: until it ends it cannot be distinguished from a load.
+reported when it exceeds the least change and a number of standard deviations several times in succession, which is as
+much larger as the residuals are beyond what the bars expect. A sustained push is reported as a change too: until it ends it cannot be distinguished from a load.
 """
 
 from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
+from math import isfinite, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -95,13 +96,14 @@ class ChangeDetector:
         """Forgets a change that was about to be reported, which another place of the load explains."""
         self._persists = 0
 
-    def look(self, history: History, errors: Errors, held: bool) -> Jump | None:
+    def look(self, history: History, errors: Errors, misfit: float = 1.0) -> Jump | None:
         """Returns a change when the last block makes it certain, else None.
 
         Args:
             history: all blocks, the last one included.
             errors: mean and covariance of the model's errors.
-            held: suppress reports, because the model does not fit.
+            misfit: variance of the residuals over the expected one [1]; above 1 a change has to be larger in proportion
+                to their size. inf: nothing is reported or learnt.
         """
         rows, settings = history.recent[-1], self.settings
         self._sums.append(self._sums[-1] + rows.weight * rows.columns[:, :10].T @ rows.columns)
@@ -115,9 +117,10 @@ class ChangeDetector:
         large, windows = self._large(found.size), self._windows[which]
         counts = large | (3 * windows >= settings.pending)  # small changes count in long averages only
         ratios = np.where(counts, (found.ratios / np.sqrt(self._square[which])).max(axis=1), 0.0)
-        if not held:
+        if isfinite(misfit):
             self._learn(which, found.ratios)
-        self._persists = (self._persists + 1) * bool((ratios > settings.deviations).any() and not held)
+        least = settings.deviations * sqrt(max(misfit, 1.0))
+        self._persists = (self._persists + 1) * bool((ratios > least).any())
         if self._persists < settings.confirmed:
             return None
         best = int(np.argmax(ratios))

@@ -430,8 +430,8 @@ class TrunkEstimator:
         updated = fit.update(history, self._front)
         if fit.due - history.blocks == self.settings.updated // 2:  # not in the block that also evaluates the fit
             self._changes.place(history, fit.errors, self.settings.compared)
-        held = fit.fit is not None and fit.fit.misfit > self.settings.bad
-        found = self._changes.look(rows, history, fit.errors, held)
+        misfit = 1.0 if fit.fit is None else fit.fit.misfit
+        found = self._changes.look(rows, history, fit.errors, misfit if misfit <= self.settings.bad else inf)
         if found is Found.OTHER:
             self._end_load(self._changes.ended[0])
             self._state = replace(self._state, since=now)

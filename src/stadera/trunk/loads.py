@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from enum import Enum
+from math import inf
 
 import numpy as np
 
@@ -79,8 +80,8 @@ class LoadChanges:
         """Keeps the last change for good: its load was made the tare."""
         self._rival = None
 
-    def look(self, rows: WeightedRows, history: History, errors: Errors, held: bool) -> Found:
-        """Looks for a change in the last block, and divides the history there; `held`: reports none."""
+    def look(self, rows: WeightedRows, history: History, errors: Errors, misfit: float) -> Found:
+        """Looks for a change in the last block, and divides the history there; `misfit`: see `ChangeDetector.look`."""
         if self._withdrawn(history, errors, rows.time):
             return Found.BACK
         before = history.aged
@@ -91,7 +92,7 @@ class LoadChanges:
         else:
             rested = 2.0 * before.slid.sum(axis=0) <= before.weight
             other = bool((rows.slides.any(axis=0) & rested).any())
-        jump = self.detector.look(history, errors, held or other)
+        jump = self.detector.look(history, errors, inf if other else misfit)
         if jump is None or self.place(history, errors):
             return Found.SAME
         self._divide(jump, history, errors, rows.time)
