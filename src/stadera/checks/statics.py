@@ -195,8 +195,8 @@ def hanging(footing: Footing, now: Consistency) -> Finding:
         "air, which is a log for `stadera identify`"
     )
     if limp(footing):
-        largest = float(np.abs(effort.mean(axis=0)).max())
-        text = f"the motors seem to be off: their torques, up to {largest:.2g} N·m in the mean, do not even carry the legs"
+        largest = f"up to {float(np.abs(effort.mean(axis=0)).max()):.2g} N·m in the mean"
+        text = f"the motors seem to be off: their torques, {largest}, do not even carry the legs"
     return Finding("not_on_feet", text)
 
 

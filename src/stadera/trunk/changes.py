@@ -12,8 +12,9 @@ that it had, unless its load changes, so there it cancels.
 
 What a robot does and the model does not know makes these ratios larger, differently for different n. Their mean square
 under a constant load is taken from the log; one, as honest bars have it, counts as some ratios seen before. A change is
-reported when it exceeds the least change and a number of standard deviations several times in succession, which is as
-much larger as the residuals are beyond what the bars expect. A sustained push is reported as a change too: until it ends it cannot be distinguished from a load.
+reported when it exceeds the least change and a number of standard deviations several times in succession, which grows
+with the residuals' size where that exceeds what the bars expect. A sustained push is reported as a change too: until it
+ends it cannot be distinguished from a load.
 """
 
 from __future__ import annotations
