@@ -123,9 +123,19 @@ def _check_header(names: Sequence[str], source: str) -> None:
         raise RecordingError(f"{source}: columns {blank} of the header have no name")
     if odd := next((name for name in names if not name.isprintable()), None):
         raise RecordingError(f"{source}: the name of column {odd[:60]!r} has characters that cannot be printed")
+    if names and all(map(_is_number, names)):
+        raise RecordingError(f"{source}: the first row is numbers; a table needs a header, the names of its columns")
     name, times = Counter(names).most_common(1)[0] if names else ("", 0)
     if times > 1:
         raise RecordingError(f"{source}: column {name!r} is there {times} times")
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
 
 
 def _with_names_of(joints: Sequence[str], table: Translation) -> Translation:

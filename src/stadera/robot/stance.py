@@ -10,7 +10,7 @@ from stadera.constants import NOTHING
 from stadera.errors import ModelError, require_positive
 from stadera.robot.kinematics import foot_positions, forward_kinematics, leg_kinematics
 from stadera.robot.model import Leg, Robot, Tree
-from stadera.types import Array
+from stadera.types import Array, Bools
 
 
 @dataclass(frozen=True)
@@ -184,3 +184,22 @@ def _preferred(tree: Tree, q: Array, middle: Array, solved: float) -> Array:
     outwards = (knee - hip) * np.sign(hip) > 0
     best = q[np.lexsort((away[:, 1:].sum(axis=1), outwards, np.round(away[:, 0], 3)))[0]]
     return np.where(np.abs(best) < solved, 0.0, best)
+
+
+def lying(robot: Robot, feet: Array, up: Array) -> Bools:
+    """At which times the trunk's lowest point is at the height of the feet's lowest.
+
+    Args:
+        feet: (n, legs, 3) [m], their centres in trunk axes.
+        up: (n, 3), the vertical in trunk axes.
+
+    Returns:
+        (n,) bool.
+    """
+    # share of the leg's length; shapes of trunks are coarse, and robots crouch to half of their legs' length
+    low = 0.1
+    own = [shape for shape in robot.shapes if shape.link == robot.trunk]
+    lowest = np.min([up @ shape.translation - shape.reach(up @ shape.rotation) for shape in own], axis=0)
+    heights = np.einsum("nli,ni->nl", feet, up)
+    ground = (heights - np.array([leg.foot_radius for leg in robot.legs])).min(axis=1)
+    return np.asarray(lowest - ground < low * robot.leg_length)

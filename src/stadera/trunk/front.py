@@ -17,6 +17,7 @@ from stadera.inertia import skews
 from stadera.robot.imu import ImuMount
 from stadera.robot.limbs import Place
 from stadera.robot.model import Robot
+from stadera.robot.stance import lying
 from stadera.trunk.block_rows import BlockRows
 from stadera.trunk.error_model import ErrorLayout
 from stadera.trunk.ground import GroundNormal, turned
@@ -27,7 +28,10 @@ from stadera.trunk.samples import SampleBuffer, Samples, Stretch
 from stadera.trunk.settings import TrunkSettings
 from stadera.trunk.spikes import SpikeFilter
 from stadera.trunk.window import Window, window_of
-from stadera.types import Array
+from stadera.types import Array, Bools
+
+LIES = "the robot lies on its trunk, which carries what no leg feels"
+"""Why blocks are left out that are no sign of a fault."""
 
 
 class Made(NamedTuple):
@@ -187,16 +191,24 @@ class Front:
         normal += (back @ normal[:, :, None])[:, :, 0]
         motion = motion._replace(normal=normal[window.block])
         stops = self._stopped(table[: window.edges[-1] + 2, 1 : 1 + joints], window)
+        on_trunk = self._on_trunk(up, *feet)
         rows, singular = self._maker.blocks(samples, sizes, motion, self.shape, squares, used)
         made = []
-        for own, leg, there, stop in zip(rows, singular, used, stops, strict=True):
+        for own, leg, there, stop, lies in zip(rows, singular, used, stops, on_trunk, strict=True):
             if not there:
                 made.append(Made(refusal="the accelerometer reads zero"))
+            elif lies:
+                made.append(Made(refusal=LIES))
             elif leg is not None:
                 made.append(Made(refusal=f"leg {legs[leg].name} is so stretched that its foot's force is not felt"))
             else:
                 made.append(Made() if own is None else Made(refusal=stop) if stop else Made(own, "", self._struck(own)))
         return made
+
+    def _on_trunk(self, up: Array, feet: Array, force: Array) -> Bools:
+        """Blocks (B,) in which the trunk is as low as the feet (B, legs, 3), and these carry too little of it [N]."""
+        carried = np.einsum("bli,bi->b", force, up)
+        return np.asarray(lying(self._robot, feet, up) & (carried < self._settings.lies * self._maker.weight))
 
     def _struck(self, rows: BlockRows) -> bool:
         """Whether a block is left out for its impacts."""

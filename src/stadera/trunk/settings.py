@@ -310,6 +310,8 @@ class TrunkSettings:
         size_spread: standard deviation of the logarithm of the size of each kind of model errors before any data [1],
             see `stadera.trunk.sizes`. The sizes in `ModelErrors` come from few robots; they are taken to be right for
             others within a factor of three (95 %).
+        lies: share of the model's weight that feet carry at least where the trunk is as low as they are; with less the
+            robot lies on its trunk, and blocks are left out. As light as a robot may be to be taken for this model.
         impact: half the difference between the forces of odd and of even samples above which a block is left out, share
             of the weight [1]: as much as a foot carries on four. The log's rate does not resolve the accelerations of
             such a block, and noise of that size in the equations' matrix makes the trunk lighter, which no error bar
@@ -341,6 +343,7 @@ class TrunkSettings:
     after_change: float = 0.3
     settled: float = 0.5
     size_spread: float = 0.55
+    lies: float = 0.6
     impact: float = 0.25
     stop: float = 0.015
     updated: int = 10

@@ -19,6 +19,7 @@ import numpy as np
 
 from stadera.errors import require_positive
 from stadera.inertia import InertialParameters
+from stadera.robot import stance
 from stadera.robot.kinematics import foot_positions
 from stadera.robot.model import Robot
 from stadera.trunk.load import SIGNIFICANT, Payload
@@ -74,16 +75,15 @@ class Footprint:
         self._moments += np.array([apart.sum(axis=0), (apart**2).sum(axis=0)])
         up = specific_force.mean(axis=0)
         up /= max(float(np.linalg.norm(up)), 1e-9)
-        self._low += int(lying(self._robot, position, np.tile(up, (len(feet), 1))).sum())
+        self._low += int(stance.lying(self._robot, feet, np.tile(up, (len(feet), 1))).sum())
         heights = np.nan_to_num(feet @ up, nan=np.inf)
         on = heights < heights.min(axis=1, keepdims=True) + self._limits.stands * self._robot.leg_length
         self._on += on.sum(axis=0)
         self._sums += on.T.astype(float) @ np.nan_to_num(position)
 
-    @property
-    def lay(self) -> bool:
-        """Whether the trunk may have lain on the ground."""
-        return self._low > self._limits.lies * self._limits.rate
+    def lay(self, left_out: float) -> bool:
+        """Whether the trunk may have lain on the ground for longer than the time that was left out for it [s]."""
+        return self._low > (self._limits.lies + 1.2 * left_out) * self._limits.rate  # both are counted roughly
 
     @property
     def stance(self) -> tuple[Array, Array] | None:
@@ -131,9 +131,11 @@ def doubts(
     payload: Payload | None,
     footprint: Footprint,
     limits: AgreementLimits,
+    lying: float = 0.0,
 ) -> Iterator[tuple[Verdict, str]]:
     """Verdict and reason of what torques with an error would explain: of the trunk as weighed, with all that is on it,
-    its mass known to `std` [kg], and of the payload since the tare, None without one.
+    its mass known to `std` [kg], and of the payload since the tare, None without one. `lying`: time left out for
+    that [s].
     """
     difference = trunk - robot.inertias[robot.trunk]
     found: list[tuple[Verdict, str]] = []
@@ -143,7 +145,7 @@ def doubts(
         if added is not None and payload is not None:
             loads = [(difference - added, std), (added, payload.mass_std)]
         found = [doubt for load in loads for doubt in _of_one_leg(robot, *load, footprint, limits)]
-    if footprint.lay:
+    if footprint.lay(lying):
         text = "the trunk is as low as the feet: it may lie on the ground"
         yield "doubtful", f"{text}, which then carries a part that no leg feels"
     yield from found[:1] or _of_all(difference.mass / robot.mass, SIGNIFICANT * std / robot.mass, limits)
@@ -170,22 +172,3 @@ def _of_all(share: float, unsure: float, limits: AgreementLimits) -> Iterator[tu
     elif share > max(limits.heavier, unsure):
         text = f"the robot would weigh {1 + share:.2g} times what its model does"
         yield "doubtful", f"{text}: torques in another unit or with another gear ratio look the same"
-
-
-def lying(robot: Robot, position: Array, up: Array) -> Array:
-    """Which of some postures have the trunk's lowest point at the height of the feet's lowest.
-
-    Args:
-        position: (n, joints) [rad], in the tree's order.
-        up: (n, 3), the vertical in trunk axes.
-
-    Returns:
-        (n,) bool.
-    """
-    # share of the leg's length; shapes of trunks are coarse, and robots crouch to half of their legs' length
-    low = 0.1
-    own = [shape for shape in robot.shapes if shape.link == robot.trunk]
-    lowest = np.min([up @ shape.translation - shape.reach(up @ shape.rotation) for shape in own], axis=0)
-    feet = np.einsum("nli,ni->nl", foot_positions(robot, position), up)
-    ground = (feet - np.array([leg.foot_radius for leg in robot.legs])).min(axis=1)
-    return np.asarray(lowest - ground < low * robot.leg_length)

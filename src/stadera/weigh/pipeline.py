@@ -21,6 +21,7 @@ from stadera.logs.recording import Recording
 from stadera.robot.imu import ImuMount
 from stadera.robot.model import Robot
 from stadera.trunk.estimator import TrunkEstimator
+from stadera.trunk.front import LIES
 from stadera.trunk.load import SIGNIFICANT, LoadChange, Payload, since_tare
 from stadera.trunk.measurement import Measurement, measurements_of, rotation_matrix
 from stadera.trunk.memory import Memory, days_of
@@ -84,7 +85,7 @@ def trust_now(estimator: Weigher, learnt: float | None = None, begin: float = 0.
     are said as since `begin` [s].
     """
     trust, estimate = estimator.trust, estimator.estimate()
-    if estimate.status is not Status.REFUSED or trust.verdict == "bad":
+    if estimate.status is not Status.REFUSED or trust.verdict == "bad" or estimate.reason == LIES:
         return trust
     verdict: Verdict = "bad" if estimate.reason.startswith("the estimate runs away") else "doubtful"
     at = estimate.time if learnt is None else learnt
@@ -387,6 +388,7 @@ class _LogPass:
         found = self.estimator.trunk
         if found.observed[0]:
             robot, limits = self._request.robot, self._request.settings.model
-            for doubt in doubts(robot, found.inertial, found.mass_std, payload, self._footprint, limits):
+            lying = sum(part.end - part.begin for part in self._refused if part.reason == LIES)
+            for doubt in doubts(robot, found.inertial, found.mass_std, payload, self._footprint, limits, lying):
                 trust = trust.at_most(*doubt)
         return trust
