@@ -87,14 +87,15 @@ def opened(address: str, *flags: str) -> str:
 
 
 def _pages_fit(site: Path, *, dark: bool) -> None:
-    """Nothing but a table or code is wider than any page, on a phone, and ink stands out from paper.
+    """Nothing but a table or code is wider than any page, at a desk and on a phone, and ink stands out from paper.
 
-    Colours are the theme's, and what fits a phone fits a desk: every eighth page is opened dark, at a desk.
+    Colours move nothing: dark pages are opened at one width.
     """
     names = [page.relative_to(site).as_posix() for page in sorted(site.rglob("*.html")) if page.name != "404.html"]
     frames = "".join(
         f'<iframe id="{name}-{width}" src="{name}" style="width:{width}px;height:{SCREEN}px"></iframe>'
-        for name, width in ([(name, DESK) for name in names[::8]] if dark else [(name, PHONE) for name in names])
+        for name in names
+        for width in ((PHONE,) if dark else (DESK, PHONE))
     )
     script = """<script>addEventListener("load", () => setTimeout(() => {
       document.title = [...document.querySelectorAll("iframe")].filter((frame) => {
