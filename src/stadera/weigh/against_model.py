@@ -51,7 +51,9 @@ class AgreementLimits:
 
 
 class Footprint:
-    """Where the feet of a robot are in the trunk, and the vertical, on average over a log."""
+    """Where the feet of a robot are in the trunk, and the vertical, on average over a log while it does not lie on its
+    trunk.
+    """
 
     def __init__(self, robot: Robot, limits: AgreementLimits) -> None:
         self._robot, self._limits = robot, limits
@@ -66,16 +68,18 @@ class Footprint:
         """Takes in samples (n,) [s], of the robot's joints (n, joints) [rad] and IMU (n, 3) [m/s²], trunk axes."""
         period = float(np.median(np.diff(time))) if len(time) > 1 else 1.0
         kept = slice(None, None, max(1, round(1.0 / (self._limits.rate * period))))
-        position = position[kept]
+        position, force = position[kept], specific_force[kept]
         feet = foot_positions(self._robot, position)
+        up = specific_force.mean(axis=0)
+        up /= max(float(np.linalg.norm(up)), 1e-9)
+        low = stance.lying(self._robot, feet, np.tile(up, (len(feet), 1)))
+        self._low += int(low.sum())
+        position, feet = position[~low], feet[~low]
         apart = np.linalg.norm(feet[:, self._pairs[0]] - feet[:, self._pairs[1]], axis=-1)
         self._count += len(feet)
         self._feet += feet.sum(axis=0)
-        self._up += specific_force[kept].sum(axis=0)
+        self._up += force[~low].sum(axis=0)
         self._moments += np.array([apart.sum(axis=0), (apart**2).sum(axis=0)])
-        up = specific_force.mean(axis=0)
-        up /= max(float(np.linalg.norm(up)), 1e-9)
-        self._low += int(stance.lying(self._robot, feet, np.tile(up, (len(feet), 1))).sum())
         heights = np.nan_to_num(feet @ up, nan=np.inf)
         on = heights < heights.min(axis=1, keepdims=True) + self._limits.stands * self._robot.leg_length
         self._on += on.sum(axis=0)
