@@ -25,7 +25,7 @@ from stadera.checks.limits import CheckLimits
 from stadera.checks.other_robot import or_other_robot
 from stadera.checks.residual import Footing, Gain
 from stadera.checks.signals import DEGREE, limit_findings, sensor_findings, unit_findings
-from stadera.checks.statics import Consistency, hanging
+from stadera.checks.statics import Consistency, hanging, limp
 from stadera.checks.torques import likelier, pushing_at_rest, swapped_in_motion, torque_step
 from stadera.errors import RecordingError, UntrustedError, listed
 from stadera.logs.mend import GYRO, Mend, changed
@@ -87,7 +87,7 @@ def _mount(recording: Recording, robot: Robot, imu_frame: str | None) -> ImuMoun
 def _contradictions(footing: Footing, mount: ImuMount | None) -> Iterator[Finding]:
     now = Consistency.of(footing)
     faults, imu = listed(now.faults, 3), footing.blocks.specific_force is not None
-    if now.hangs:
+    if now.hangs or limp(footing):
         yield hanging(footing, now)
     elif not faults:
         yield from _in_motion(footing, mount)

@@ -64,7 +64,7 @@ class Consistency:
 
     weighs: float  # upward part of the total contact force [kg]
     loads: Array  # (L,) [N], of each foot along the accelerometer's vertical
-    hangs: bool  # True if the feet carry almost nothing, in total and individually, or the torques not even the legs
+    hangs: bool  # True if the feet carry almost nothing, in total and individually
     cost: float  # sum of squares of the figures, each in units of its usual size
     faults: tuple[str, ...]  # the impossible figures, one clause each
     outlier: str  # the one of three sources of the vertical that disagrees with the other two, as the end of a sentence
@@ -83,7 +83,7 @@ class Consistency:
         return cls(
             weighs=float(total @ up) / GRAVITY,
             loads=loads,
-            hangs=bool(hangs.all()) or limp(footing),
+            hangs=bool(hangs.all()),
             cost=float(sum(np.square(sizes).sum() for sizes, _ in figures)),
             faults=tuple(chain.from_iterable(clauses for _, clauses in figures)),
             outlier=_outlier(footing, force, plane, apart, bool((loads > 0).all())),

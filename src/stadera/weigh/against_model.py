@@ -19,9 +19,9 @@ import numpy as np
 
 from stadera.errors import require_positive
 from stadera.inertia import InertialParameters
-from stadera.robot import stance
 from stadera.robot.kinematics import foot_positions
 from stadera.robot.model import Robot
+from stadera.robot.stance import lying
 from stadera.trunk.load import SIGNIFICANT, Payload
 from stadera.trust import Verdict
 from stadera.types import Array
@@ -72,7 +72,7 @@ class Footprint:
         feet = foot_positions(self._robot, position)
         up = specific_force.mean(axis=0)
         up /= max(float(np.linalg.norm(up)), 1e-9)
-        low = stance.lying(self._robot, feet, np.tile(up, (len(feet), 1)))
+        low = lying(self._robot, feet, np.tile(up, (len(feet), 1)))
         self._low += int(low.sum())
         position, feet = position[~low], feet[~low]
         apart = np.linalg.norm(feet[:, self._pairs[0]] - feet[:, self._pairs[1]], axis=-1)
@@ -135,11 +135,11 @@ def doubts(
     payload: Payload | None,
     footprint: Footprint,
     limits: AgreementLimits,
-    lying: float = 0.0,
+    left_out: float = 0.0,
 ) -> Iterator[tuple[Verdict, str]]:
     """Verdict and reason of what torques with an error would explain: of the trunk as weighed, with all that is on it,
-    its mass known to `std` [kg], and of the payload since the tare, None without one. `lying`: time left out for
-    that [s].
+    its mass known to `std` [kg], and of the payload since the tare, None without one. `left_out`: time for
+    which it lay on its trunk, and was not weighed [s].
     """
     difference = trunk - robot.inertias[robot.trunk]
     found: list[tuple[Verdict, str]] = []
@@ -149,7 +149,7 @@ def doubts(
         if added is not None and payload is not None:
             loads = [(difference - added, std), (added, payload.mass_std)]
         found = [doubt for load in loads for doubt in _of_one_leg(robot, *load, footprint, limits)]
-    if footprint.lay(lying):
+    if footprint.lay(left_out):
         text = "the trunk is as low as the feet: it may lie on the ground"
         yield "doubtful", f"{text}, which then carries a part that no leg feels"
     yield from found[:1] or _of_all(difference.mass / robot.mass, SIGNIFICANT * std / robot.mass, limits)

@@ -388,7 +388,7 @@ class _LogPass:
         found = self.estimator.trunk
         if found.observed[0]:
             robot, limits = self._request.robot, self._request.settings.model
-            lying = sum(part.end - part.begin for part in self._refused if part.reason == LIES)
-            for doubt in doubts(robot, found.inertial, found.mass_std, payload, self._footprint, limits, lying):
+            left_out = sum(part.end - part.begin for part in self._refused if part.reason == LIES)
+            for doubt in doubts(robot, found.inertial, found.mass_std, payload, self._footprint, limits, left_out):
                 trust = trust.at_most(*doubt)
         return trust
