@@ -16,6 +16,9 @@ turns out to be 2 or 8 ms at stamps of 1.2 to 6 ms). In the long run time is the
     e_k+1 = (1 - a) (e_k + s_k - Δt_k),      a = mean step / `memory`      (s: the stamps' steps)
 
 so velocities that are scaled do not stretch time.
+
+Where most stamps follow one another much faster than in the mean, samples arrive in bursts, as over Wi-Fi, and such
+stamps tell nothing: steps are all alike, Δt their mean, but for gaps and as far as the motion tells otherwise.
 """
 
 from collections.abc import Iterable, Iterator
@@ -47,6 +50,10 @@ class StampSettings:
             arrive.
         gap: steps of the stamps above so many mean ones are kept, as joints do much during them, unless the motion
             tells that it was a stall, after which what had gathered came at once.
+        stall: longest time for which samples of a burst may have been held up [s]: a radio that saves power wakes up
+            every 0.1 s. A longer step is a gap.
+        burst: median step over the mean one, without gaps, below which samples arrive in bursts [1]: 0.1 to 0.005 if
+            ten come at once, 0.48 in logs of a real Go2 whose motion tells the steps.
         shortest: least step, share of the mean one [1].
     """
 
@@ -59,6 +66,8 @@ class StampSettings:
     enough: int = 50
     memory: float = 1.0
     gap: float = 6.0
+    stall: float = 0.25
+    burst: float = 0.25
     shortest: float = 0.1
 
     def __post_init__(self) -> None:
@@ -100,8 +109,8 @@ def _kept(fresh: Bools, time: Array, settings: StampSettings) -> Bools:
 
 def with_steps_of_motion(chunks: Iterable[Recording], settings: StampSettings | None = None) -> Iterator[Recording]:
     """Yields the consecutive parts of a log with corrected times; unchanged where velocities are missing or stamps are
-    as good. Where the joints stop, stamps stay as far off as they were. A correction is noted at the first part that
-    has one.
+    as good. Where the joints stop, stamps stay as far off as they were, but for bursts. A correction is noted at the
+    first part that has one.
     """
     settings, ahead, last, noted = settings or StampSettings(), 0.0, None, False  # type: ignore[assignment]
     for chunk in chunks:
@@ -129,16 +138,16 @@ def with_steps_of_motion(chunks: Iterable[Recording], settings: StampSettings | 
 def _note(stamped: Array, true: Array) -> str:
     jitter = 1e3 * float(np.std(stamped - true))
     return (
-        f"steps between stamps are {jitter:.1f} ms (rms) off positions and velocities: samples were stamped when they "
-        "arrived; their times are taken from the joints' motion"
+        f"steps between stamps are {jitter:.1f} ms (rms) off: samples were stamped when they arrived; their times are "
+        "taken from the joints' motion, or are even where that tells none"
     )
 
 
 def _steps(
     chunk: Recording, last: tuple[float, Array, Array] | None, settings: StampSettings
 ) -> tuple[Array, Array] | None:
-    """Steps by the stamps and by the motion [s], from the sample before the chunk on if there is one; None if stamps
-    are as good.
+    """Steps by the stamps, and by the motion or as even ones of bursts [s], from the sample before the chunk on if
+    there is one; None if stamps are as good.
     """
     time, position, velocity = chunk.time, chunk.position, chunk.velocity
     assert velocity is not None
@@ -147,29 +156,41 @@ def _steps(
             np.concatenate([[before], after]) for before, after in zip(last, (time, position, velocity), strict=True)
         )
     stamped, moved, mean = np.diff(time), np.diff(position, axis=0), 0.5 * (velocity[1:] + velocity[:-1])
-    joints = position.shape[1]
+    even, joints = _even(stamped, settings), position.shape[1]
+    without_motion = None if even is None else (stamped, even)
     if joints < 2 or len(stamped) * settings.lively < settings.enough:
-        return None
+        return without_motion
     usual, square = float(stamped.mean()), (mean * mean).sum(axis=1)
-    short = stamped < settings.gap * usual
-    lively = short & (square > 0.0) & (square >= np.quantile(square, 1.0 - settings.lively))
+    lively = (square > 0.0) & (square >= np.quantile(square, 1.0 - settings.lively))
     if np.count_nonzero(lively) < settings.enough:
-        return None
+        return without_motion
     step = np.where(square > 0.0, (mean * moved).sum(axis=1) / np.where(square > 0.0, square, 1.0), stamped)
-    factor = float(np.median(step[lively] / stamped[lively]))
-    by_stamps = _left(moved, mean, factor * stamped)[lively]
     left = _left(moved, mean, step) * joints / (joints - 1)
     usual_left = max(float(np.median(left[lively])), 1e-300)
-    ratio = float(np.median(by_stamps)) / usual_left
+    fits = left < settings.ratio * usual_left
+    told = fits | (stamped < settings.gap * usual)
+    lively &= told
     scale = float((step * square)[lively].sum() / (stamped * square)[lively].sum())
+    ratio = float(np.median(_left(moved, mean, scale * stamped)[lively])) / usual_left
     if ratio < settings.ratio or abs(np.log(max(scale, 1e-9))) > np.log1p(settings.scaled):
-        return None
+        return without_motion
+    likely = stamped if even is None else even
+    off = float(np.var((step - likely)[lively]))
     noise = usual_left / joints  # of one joint's Δq, squared
-    jitter = float(np.var((step - stamped)[lively]))
-    trusted = jitter / (jitter + noise / np.maximum(square, 1e-300))  # slow joints tell little
-    found = stamped + trusted * (step - stamped)
-    told = short | (left < settings.ratio * usual_left)
+    trusted = off / (off + noise / np.maximum(square, 1e-300))  # slow joints tell little
+    if even is not None:  # else stamps are no better where the motion does not fit
+        trusted[~fits] = 0.0
+    found = likely + trusted * (step - likely)
     return stamped, np.where(told, np.maximum(found, settings.shortest * usual), stamped)
+
+
+def _even(stamped: Array, settings: StampSettings) -> Array | None:
+    """Steps [s] of samples that arrive in bursts, taken to be even but for gaps; None if there are no bursts."""
+    waited = stamped < settings.stall
+    if np.count_nonzero(waited) < settings.enough:
+        return None
+    mean = float(stamped[waited].mean())
+    return np.where(waited, mean, stamped) if np.median(stamped) < settings.burst * mean else None
 
 
 def _left(moved: Array, mean: Array, step: Array) -> Array:
