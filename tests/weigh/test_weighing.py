@@ -257,6 +257,19 @@ def test_an_estimate_that_ran_away_is_refused(monkeypatch: pytest.MonkeyPatch) -
     assert weigh(HYQ, before(1.0), force=True).trust.verdict == "bad"
 
 
+@pytest.mark.parametrize(("unused", "verdict"), [(0.1, "good"), (1.5, "doubtful")])
+def test_a_short_unused_end_is_no_doubt(unused: float, verdict: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As of a gait that ends while a joint touches its stop; a change of the load would be missed in a long one."""
+    asked = TrunkEstimator.estimate
+
+    def refused(self: TrunkEstimator) -> TrunkEstimate:
+        found = asked(self)
+        return replace(found, time=found.time - unused, status=Status.REFUSED, reason="a joint is at its stop")
+
+    monkeypatch.setattr(TrunkEstimator, "estimate", refused)
+    assert weigh(HYQ, before(2.0)).trust.verdict == verdict
+
+
 def test_torques_of_the_wrong_sign_are_refused_or_marked() -> None:
     right = before(1.0)
     assert right.effort is not None

@@ -226,8 +226,8 @@ class _LogPass:
         payload = estimator.payload
         logs = [log] if self._before is None else [self._before.log, log]
         learnt = estimate.time - self._shift
-        short = self._method.at_rest and self._time - learnt < self._request.settings.stale
-        trust = estimator.trust if short else trust_now(estimator, learnt, log.begin)
+        trust, short = trust_now(estimator, learnt, log.begin), self._time - learnt < self._request.settings.stale
+        trust = estimator.trust if short and trust.verdict != "bad" else trust
         time, values, stds, added = (np.array(column) for column in zip(*self._entries, strict=True))
         line = Timeline(time, values[:, 0], stds[:, 0], values[:, 1:], stds[:, 1:], None if payload is None else added)
         trust, stood = self._lowered(trust, payload, logs), self._footprint.stance

@@ -39,8 +39,8 @@ class WeighSettings:
         sound: number of successive consistent windows that cannot be a coincidence, in a log with contradictions
             elsewhere.
         trunk: settings of the estimator for motion, see `TrunkSettings`.
-        stale: time between the last rest and the end of the log above which a change of the load may have been missed
-            [s].
+        stale: time between the last sample used and the end of the log above which a change of the load may have been
+            missed [s].
         windows: criteria for signals that contradict each other in part of a log, see `WindowLimits`.
         model: when a difference of the trunk from its model is doubtful, see `AgreementLimits`.
         window: length of the windows in which encoders, torques and IMU are compared in such a log [s].
