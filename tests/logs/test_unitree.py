@@ -137,6 +137,17 @@ def test_late_messages_get_the_counters_time(tmp_path: Path) -> None:
     )
 
 
+def test_messages_that_arrive_in_bursts_are_still_apart() -> None:
+    """Steps of nearly zero would make accelerations of a burst's messages infinite."""
+    clock, rng = TickClock(), np.random.default_rng(0)
+    bursts = np.cumsum(rng.uniform(5, 30, 200)) * MS
+    arrived = [int(bursts[np.searchsorted(bursts, 2 * k * MS)]) + 100 * k for k in range(1000)]
+    stamps = np.array([clock.stamp(t, 2 * k) for k, t in enumerate(arrived)])
+    assert np.diff(stamps).min() >= 0.5 * MS
+    late = stamps[200:] - 2 * MS * np.arange(200, 1000)  # the least delay is known by then
+    assert np.ptp(late) <= 2.1 * MS
+
+
 def test_stamps_that_agree_with_the_counter_are_kept() -> None:
     clock, rng = TickClock(), np.random.default_rng(0)
     for k in range(10_000):

@@ -85,8 +85,8 @@ class TickClock:
     """Stamps for messages without any: the times of recording, corrected by the robot's millisecond counter.
 
     A stamp more than `counter_late` after the least delay is a late message or a step of the recorder's clock, and gets
-    the counter's time. A counter that stands still or restarts is ignored. `repaired` stamps were changed, the
-    `furthest` by [s].
+    the counter's time. Messages of a burst stay a quarter of the counter's steps apart. A counter that stands still or
+    restarts is ignored. `repaired` stamps were changed, the `furthest` by [s].
     """
 
     def __init__(self, settings: BagSettings | None = None) -> None:
@@ -94,7 +94,7 @@ class TickClock:
         self._late, self._jump = round(1e9 * settings.counter_late), round(1e9 * settings.counter_jump)
         self._drift = settings.counter_drift
         self.repaired, self.furthest = 0, 0.0
-        self._offset, self._tick, self._wraps = 0, -1, 0
+        self._offset, self._tick, self._wraps, self._last = 0, -1, 0, 0
 
     def stamp(self, received: int, tick: int) -> int:
         """The stamp [ns] of a message recorded at `received` [ns] with the counter at `tick` [ms, 32 bits]."""
@@ -104,11 +104,11 @@ class TickClock:
         counted = (tick + (self._wraps << 32)) * 1_000_000
         offset = received - counted
         if anew:
-            self._offset = offset
+            self._offset, self._last = offset, -(1 << 62)
         elif abs(offset - self._offset) < self._jump:
             self._offset = min(offset, self._offset + round(self._drift * passed * 1e6))
-        self._tick = tick
-        stamp = counted + min(max(offset, self._offset), self._offset + self._late)
+        stamp = max(counted + min(max(offset, self._offset), self._offset + self._late), self._last + passed * 250_000)
+        self._tick, self._last = tick, stamp
         self.repaired += stamp != received
         self.furthest = max(self.furthest, 1e-9 * abs(stamp - received))
         return stamp
