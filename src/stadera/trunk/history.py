@@ -42,7 +42,7 @@ class RobustWeights:
 
     Args:
         least: least of u [1]; None for `OutlierSettings.least_usual`. each: each row has a usual square of its own, and
-            S is diagonal; else all n have one.
+            q is the mean of their ratios; else all n have one.
 
     Attributes:
         usual: u (n,), or one for all [1], in the rows' unit; NaN before any. count: number of blocks that it is an
