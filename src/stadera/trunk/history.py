@@ -19,6 +19,8 @@ from stadera.trunk.settings import OutlierSettings, TrunkSettings
 from stadera.trunk.window import half_window
 from stadera.types import Array
 
+_EXPLAINED = 4.0  # mean square by S of residuals that S explains: six of them exceed it once in 2,000 draws
+
 
 class RobustWeights:
     """Weights of blocks by their residuals, as if these had Student's t distribution with ν degrees of freedom.
@@ -76,7 +78,7 @@ class RobustWeights:
             D, B = known.by_errors(columns), columns[:, :10] @ known.inverse
             S = noise * (np.eye(n) + B @ B.T) + D @ covariance @ D.T
             uncertain = float(residual @ np.linalg.solve(S, residual))
-            far = uncertain if uncertain < settings.explained * n else far
+            far = uncertain if uncertain < _EXPLAINED * n else far
         weight = (settings.freedom + n) / (settings.freedom + far)
         self.count = min(self.count + 1.0, settings.remembered)
         self.usual = self.usual + weight * (square - self.usual) / self.count

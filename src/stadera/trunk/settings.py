@@ -272,8 +272,6 @@ class OutlierSettings:
         freedom: degrees of freedom of Student's t, by which blocks that fit worse than usual count for less [1]. Lange
             et al. (1989), see `RobustWeights`, take four for data of unknown law. Residuals of six rows at once
             are less heavy-tailed, and phases of a step with small residuals, where joints stick, must not decide alone.
-        explained: most that residuals may be, in mean squares over what uncertain errors explain of a robot that does
-            not walk, not to be compared with usual ones [1]: six of them are that far once in 2,000 draws.
         least_usual: least mean square of usual residuals, in the rows' unit [1]: residuals below 0.5 % of the weight
             do not define the usual ones.
         sliding: share of the joints that must slide for a block to count in full [1]. A quarter: of the blocks of real
@@ -288,7 +286,6 @@ class OutlierSettings:
     enough: int = 25
     afresh: int = 6
     freedom: float = 10.0
-    explained: float = 4.0
     least_usual: float = 0.25
     sliding: float = 0.25
     held: float = 0.02
