@@ -20,6 +20,7 @@ from stadera.robot.catalog import _example_robot_data
 from stadera.robot.export import check_export
 from stadera.robot.kinematics import foot_positions, forward_kinematics
 from stadera.robot.sole import sole
+from stadera.trunk.where import Whereabouts
 
 
 # -- what it finds --------------------------------------------------------------------------------------------------
@@ -252,6 +253,8 @@ def test_legs_below_a_waist_are_found(below: bool, tmp_path: Path) -> None:
     assert (robot.trunk, [leg.name for leg in robot.legs]) == ("hips", ["left", "right"])
     assert robot.extra is not None
     assert robot.extra.joints == ("waist",)
+    (torso,) = Whereabouts(robot).places  # of a load, by the name and in the frame that the file has
+    assert (torso.name, torso.translation.tolist()) == ("torso", [0.0, 0.0, 0.2])
     assert "trunk 'hips', from which the legs hang, not 'torso'" in robot.notes
     with pytest.raises(ModelError, match="no legs hang from trunk 'torso'; they hang from 'hips'"):
         load_robot(path, trunk="torso")

@@ -17,7 +17,7 @@ from stadera.robot.catalog import CATALOG, resolve
 from stadera.robot.extra import ExtraJoints
 from stadera.robot.legs import Chain, below_a_waist, find_legs
 from stadera.robot.model import Frame, JointLimits, Leg, Robot, Shape, Tree
-from stadera.robot.modelfile import ModelFile, rooted_at
+from stadera.robot.modelfile import TURNED, ModelFile, rooted_at
 from stadera.robot.shapes import FLAT, find_foot, find_sole, fitted_shapes
 from stadera.robot.sole import find_wheel, with_unfelt
 from stadera.robot.values import check_sense
@@ -153,7 +153,7 @@ def _extra(file: ModelFile, of_legs: Collection[int]) -> ExtraJoints | None:
             order.append(k)
     if not order:
         return None
-    carried, names = file.carried({*of_legs, *order}), {k: file.links[k].name for k in order}
+    carried, names = file.carried({*of_legs, *order}), {k: file.links[k].name.removeprefix(TURNED) for k in order}
     parents, rotations, translations, axes = _joints(file, carried, [0, *order])
     bodies, joints = file.lumped(carried), [file.joint(k) for k in order]
     return ExtraJoints(

@@ -13,6 +13,8 @@ from stadera.inertia import InertialParameters
 from stadera.robot.model import JointDynamics, JointLimits, Shape
 from stadera.types import Array
 
+TURNED = "turned round: "  # begins the name of the link without mass by which a joint of `rooted_at` moves another
+
 
 @dataclass(frozen=True, eq=False)
 class FileJoint:
@@ -151,7 +153,7 @@ def rooted_at(file: ModelFile, name: str) -> ModelFile:
         turned, at = file.links[child], child
         if (joint := turned.joint) is not None:
             around = replace(joint, axis=-joint.axis)
-            links.append(FileLink(f"{joint.name}_turned_round", child, *still, InertialParameters.zero(), around))
+            links.append(FileLink(TURNED + names[up], child, *still, InertialParameters.zero(), around))
             at = len(links) - 1
         R = turned.rotation.T
         links[up] = replace(links[up], parent=at, rotation=R, translation=-R @ turned.translation, joint=None)

@@ -38,14 +38,14 @@ class Whereabouts:
     """
 
     def __init__(self, robot: Robot, at: str | None = None) -> None:
-        limbs, n, extra = Limbs.of(robot), len(robot.tree.joints), robot.extra
+        limbs, extra = Limbs.of(robot), robot.extra
         self._trunk = Place(robot.trunk, -1, np.eye(3), np.zeros(3)) if at is None else place_of(robot, at)
         self.places: tuple[Place, ...] = ()
         self.candidates: tuple[Blocks, ...] = ((0,),)
         if at is not None and self._trunk.body >= 0:
             self.places, self.candidates = (self._trunk,), ((1,),)
         elif at is None and extra is not None:
-            self.places = tuple(Place(extra.links[k], n + k, np.eye(3), np.zeros(3)) for k in limbs.ends)
+            self.places = tuple(place_of(robot, extra.links[k]) for k in limbs.ends)
             own = {k: 1 + i for i, k in enumerate(limbs.ends)}
             both = ((own[one], own[other]) for one, other in limbs.hands)
             self.candidates = ((0,), *((k,) for k in own.values()), *both)
@@ -84,11 +84,8 @@ class Whereabouts:
         Args:
             limit: as of `Payload.of_parameters` [m].
         """
-        covariance, mean, by_scale = (
-            errors.load_covariance(load),
-            load.mean(errors.mean),
-            errors.by_scale(load.sensitivity),
-        )
+        covariance, mean = errors.load_covariance(load), load.mean(errors.mean)
+        by_scale = errors.by_scale(load.sensitivity)
         if len(at) == 1:
             place = self._place(at[0])
             turn = place.rotation.T
