@@ -125,10 +125,17 @@ def test_trunk_payload_and_change(run: Run, loading: Path, truth: Truth, tmp_pat
     assert [com[2] for com in found["timeline"]["com"]] == [None] * lengths["com"]
 
 
-def test_without_a_tare_no_payload(run: Run, loading: Path, tmp_path: Path) -> None:
+def test_without_a_tare_no_payload(run: Run, loading: Path, truth: Truth, tmp_path: Path) -> None:
+    """But the load is noticed, although the robot has only stood and sags when it is put on."""
     out = tmp_path / "found.json"
     assert run("weigh", loading, "--robot", "hyq", "--json", out).code == 0
-    assert json.loads(out.read_text())["payload"] is None
+    found = json.loads(out.read_text())
+    assert found["payload"] is None
+    assert found["trust"]["verdict"] == "good"
+    (change,) = found["changes"]
+    mass = found["trunk"]["mass"]
+    for expected, value in ((36.0, change["mass"]), (truth.moments[-1].mass, mass)):
+        assert abs(value["value"] - expected) < 3.0 * value["std"] < 0.25 * truth.moments[-1].mass
 
 
 def test_another_log_as_tare(run: Run, loading: Path, tmp_path: Path) -> None:

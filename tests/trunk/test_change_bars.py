@@ -93,3 +93,24 @@ def test_a_joint_that_never_rests_does_not_put_off_what_a_standing_robot_notices
     assert change.time == pytest.approx(4.0, abs=0.1)
     assert change.noticed < 4.6
     assert change.mass == pytest.approx(0.1 * robot.mass, abs=3.0 * change.mass_std)
+
+
+def test_the_load_on_a_robot_that_squats_stays_while_friction_holds_the_joints() -> None:
+    """The robot squats down, is loaded, and rises: its joints slide, stick and slide back. That the first rise is not
+    as the descent before it shows friction; that joints which stick hold the robot as before is no end of the load.
+    """
+    robot = load_robot("anymal_b")
+    load = Load(4.57, "kg", (-0.07, -0.07, 0.25))
+    settings = SimulateSettings("real", load, duration=7.6, seed=9028, load_time=3.8, slope=0.0)
+    samples, estimator = (
+        Samples.of_recording(simulate(robot, "squat", settings).recording, robot),
+        TrunkEstimator(robot),
+    )
+    estimator.add(samples[samples.time < 3.75])
+    estimator.tare()
+    for begin in np.arange(3.75, 7.5, 0.25):
+        estimator.add(samples[(samples.time >= begin) & (samples.time < begin + 0.25)])
+        if begin > 4.2:
+            assert estimator.payload is not None
+            assert estimator.payload.mass == pytest.approx(4.57, rel=0.1), f"at {begin + 0.25:g} s"
+            assert len(estimator.changes) == 1

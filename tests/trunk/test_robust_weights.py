@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -36,6 +38,13 @@ def summed(errors: np.ndarray, robust: bool) -> tuple[np.ndarray, RobustWeights,
     return segment.mean(np.zeros(ERRORS)), weights, given
 
 
+def settled() -> RobustWeights:
+    """Weights for which usual residuals are noise of variance one."""
+    weights = RobustWeights(SETTINGS)
+    weights.usual, weights.count = np.array(1.0), 1.0
+    return weights
+
+
 def test_usual_residuals_are_the_scale_of_students_law() -> None:
     """Draws of t with five degrees of freedom: the usual square is that of the Gaussian below, not the variance."""
     rng = np.random.default_rng(2)
@@ -63,3 +72,37 @@ def test_the_first_blocks_count_in_full() -> None:
     _, _, given = summed(rng.standard_normal((30, 6)), robust=True)
     assert given[: SETTINGS.enough] == [1.0] * SETTINGS.enough
     assert given[-1] != 1.0
+
+
+def test_what_an_uncertain_error_may_do_is_not_unusual() -> None:
+    """Residuals of draws of an error and of noise, by the estimate from earlier rows that errors hide too: their mean
+    square by S, rᵀ S⁻¹ r, is n, so draws have the weight of usual ones in the mean; taken for certain they have next to
+    none.
+    """
+    rng, root = np.random.default_rng(5), np.zeros((ERRORS, 3))
+    root[:3] = 3.0 * np.eye(3)
+    columns = [np.hstack([rng.standard_normal((6, 11)), rng.standard_normal((6, ERRORS))]) for _ in range(31)]
+    found = []
+    for _ in range(300):
+        p, segment = root @ rng.standard_normal(3), Segment.prior(TRUNK, np.full(10, 1e3), LAYOUT)
+        for k, each in enumerate(columns):
+            each[:, 10] = each[:, :10] @ TRUNK + each[:, 11:] @ p + rng.standard_normal(6)
+            if k < 30:
+                segment = segment.add(WeightedRows(0.0, each.copy(), 6.0))
+        found.append([settled().weight(columns[-1], segment, np.zeros(ERRORS), C) for C in (root @ root.T, None)])
+    far, certain = ((SETTINGS.freedom + 6.0) / np.array(found) - SETTINGS.freedom).T
+    assert far.mean() == pytest.approx(6.0, abs=0.6)  # χ² of six degrees of freedom, mean of 300: ± 0.2
+    assert certain.mean() > 60.0
+
+
+def test_what_no_uncertain_error_explains_counts_as_an_outlier() -> None:
+    """An uncertain error acts on the first row, a gross one on the last."""
+    columns, root = np.zeros((6, 11 + ERRORS)), np.zeros((ERRORS, ERRORS))
+    columns[0, 11], root[0, 0] = 1.0, 30.0**2
+    segment = replace(Segment.prior(TRUNK, np.full(10, 1e3), LAYOUT), blocks=SETTINGS.enough)
+    found = []
+    for row in (0, 5):
+        columns[:, 10] = np.where(np.arange(6) == row, 30.0, 0.0)
+        found.append(settled().weight(columns, segment, np.zeros(ERRORS), root))
+    assert found[0] > 1.0
+    assert found[1] == pytest.approx((SETTINGS.freedom + 6.0) / (SETTINGS.freedom + 900.0))

@@ -153,7 +153,7 @@ class ChangeDetector:
     def _differences(self, history: History, errors: Errors) -> tuple[Ints, LoadDifferences]:
         """Those over all windows with enough blocks before them, and the windows' numbers."""
         known = [history.before_last(n) if n < len(self._sums) else None for n in self.settings.windows]
-        before = {k: each for k, each in enumerate(known) if each and each.weight >= self.settings.history}
+        before = {k: each for k, each in enumerate(known) if each and each.blocks >= self.settings.history}
         which, over = np.array([*before], dtype=np.int64), self._over([self.settings.windows[k] for k in before])
         return which, self._difference([*before.values()], over, history.noise, errors)
 

@@ -426,7 +426,7 @@ class TrunkEstimator:
         fit.add_swing(made.rows.swing)
         if made.struck:
             return
-        rows = history.add(made.rows, fit.errors.mean)
+        rows = history.add(made.rows, fit.errors.mean, fit.errors.covariance)
         updated = fit.update(history, self._front)
         if fit.due - history.blocks == self.settings.updated // 2:  # not in the block that also evaluates the fit
             self._changes.place(history, fit.errors, self.settings.compared)

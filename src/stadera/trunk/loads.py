@@ -82,21 +82,23 @@ class LoadChanges:
 
     def look(self, rows: WeightedRows, history: History, errors: Errors, misfit: float) -> Found:
         """Looks for a change in the last block, and divides the history there; `misfit`: see `ChangeDetector.look`."""
-        if self._withdrawn(history, errors, rows.time):
+        if self._withdrawn(rows, history, errors):
             return Found.BACK
-        before = history.aged
-        # friction of joints that stop would pass for a load against an estimate from joints that slide, or reversely:
-        # a robot that has stood begins to move joint by joint, each that had rested for most of the time
-        if 2.0 * before.moved > before.weight:
-            other = rows.sliding < self._settings.changes.sliding
-        else:
-            rested = 2.0 * before.slid.sum(axis=0) <= before.weight
-            other = bool((rows.slides.any(axis=0) & rested).any())
-        jump = self.detector.look(history, errors, inf if other else misfit)
+        jump = self.detector.look(history, errors, inf if self._unlike(rows, history.aged) else misfit)
         if jump is None or self.place(history, errors):
             return Found.SAME
         self._divide(jump, history, errors, rows.time)
         return Found.OTHER
+
+    def _unlike(self, rows: WeightedRows, before: Segment) -> bool:
+        """True if friction may pass for a load, or hide one: of joints that stop, against an estimate from joints that
+        slide, or reversely. A robot that has stood begins to move joint by joint, each that had rested for most of the
+        time.
+        """
+        if 2.0 * before.moved > before.weight:
+            return rows.sliding < self._settings.changes.sliding
+        rested = 2.0 * before.slid.sum(axis=0) <= before.weight
+        return bool((rows.slides.any(axis=0) & rested).any())
 
     def place(self, history: History, errors: Errors, wait: float = 0.0) -> bool:
         """Looks where the load is, unless that was done less than a time `wait` [s] ago; True if it is elsewhere than
@@ -128,14 +130,15 @@ class LoadChanges:
             self._changing = _Change(begun, now, known.before)
         self.detector.restart(len(history.recent))
 
-    def _withdrawn(self, history: History, errors: Errors, now: float) -> bool:
+    def _withdrawn(self, rows: WeightedRows, history: History, errors: Errors) -> bool:
         """Returns to the load before the last change if it is that again; forgets that load once the change is old."""
         rival = self._rival
         if rival is None:
             return False
-        if now - rival.time > self._settings.changes.transient:
+        before = rival.known.before
+        if rows.time - rival.time > self._settings.changes.transient:
             self._rival = None
-        elif self.detector.returned(rival.known.before, rival.since, history, errors):
+        elif not self._unlike(rows, before) and self.detector.returned(before, rival.since, history, errors):
             self._rival = None
             self._ended, self._changing = rival.changes, rival.changing
             later = (load for load in history.finished if load not in rival.known.finished)

@@ -220,7 +220,7 @@ class ChangeSettings:
         deviations: number of standard deviations that a change must exceed.
         windows: numbers of latest blocks that are compared with the estimate before them.
         every: blocks after which they are compared. confirmed: number of times in succession that a change must show.
-        history: sum of the weights of earlier blocks that is needed [1]: 1 s.
+        history: number of earlier blocks that is needed: 1 s.
         pending: latest blocks excluded from what is learnt about a constant load, as changes may be detected in them.
         back: one of `windows`, by which a load that is back to what it was before a change is recognised [blocks]: the
             shorter, the less of the push stays in the estimate.
@@ -239,7 +239,7 @@ class ChangeSettings:
     windows: tuple[int, ...] = (8, 16, 25, 40, 60, 100)
     every: int = 3
     confirmed: int = 2
-    history: float = 50.0
+    history: int = 50
     pending: int = 56
     back: int = 8
     agreeing: float = 3.0
@@ -272,6 +272,8 @@ class OutlierSettings:
         freedom: degrees of freedom of Student's t, by which blocks that fit worse than usual count for less [1]. Lange
             et al. (1989), see `RobustWeights`, take four for data of unknown law. Residuals of six rows at once
             are less heavy-tailed, and phases of a step with small residuals, where joints stick, must not decide alone.
+        explained: most that residuals may be, in mean squares over what uncertain errors explain of a robot that does
+            not walk, not to be compared with usual ones [1]: six of them are that far once in 2,000 draws.
         least_usual: least mean square of usual residuals, in the rows' unit [1]: residuals below 0.5 % of the weight
             do not define the usual ones.
         sliding: share of the joints that must slide for a block to count in full [1]. A quarter: of the blocks of real
@@ -286,6 +288,7 @@ class OutlierSettings:
     enough: int = 25
     afresh: int = 6
     freedom: float = 10.0
+    explained: float = 4.0
     least_usual: float = 0.25
     sliding: float = 0.25
     held: float = 0.02
@@ -381,7 +384,7 @@ class TrunkSettings:
             back=windows[0],
             pending=max(round(changes.pending / shorter), windows[-1]),
             every=max(round(changes.every / shorter), 1),
-            history=changes.history / shorter,
+            history=max(round(changes.history / shorter), 1),
             sliding=1e-9,
         )
         return replace(self, block=block, changes=changes, outliers=replace(self.outliers, held=1.0))
