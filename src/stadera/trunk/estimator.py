@@ -461,7 +461,18 @@ class TrunkEstimator:
         return Correction.by(known, errors, now, alike=0.0 if tare is None else errors.alike(tare, now))
 
     def _read(self, known: tuple[Knowledge, ...]) -> Reading:
-        return Reading(self.robot, self._start, self._history.present, self._fit.errors, known)
+        return Reading(self.robot, self._start, self._present, self._fit.errors, known)
+
+    @property
+    def _present(self) -> Segment:
+        """The rows that tell what the robot carries now. A load that came since the tare may not have been noticed yet:
+        the rows since then have it alone if they are half of all, or if by them the mass is another.
+        """
+        loaded, current, tare = self._history.loaded, self._history.current, self._history.tare
+        if loaded is None or tare is None or not loaded.blocks:
+            return current
+        load, covariance, _ = self._difference(tare, None)
+        return loaded if 2.0 * loaded.weight > current.weight or load[0] ** 2 > covariance[0, 0] else current
 
     def _adopt(self, time: float, updated: bool = False) -> None:
         """Adopts the present estimate of the trunk, unless it is implausible; `updated`: with other model errors."""

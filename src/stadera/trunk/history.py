@@ -164,14 +164,6 @@ class History:
         return self.loaded or self.current
 
     @property
-    def present(self) -> Segment:
-        """The estimate of what the robot carries now. Another load may have come since the tare, so the rows since then
-        have it alone once they are half of all.
-        """
-        loaded, current = self.loaded, self.current
-        return current if loaded is None or loaded.weight < 0.5 * current.weight else loaded
-
-    @property
     def aged(self) -> Segment:
         """The estimate without the last `pending` blocks, in which a change may still be detected."""
         return self._known[self._pending]
