@@ -220,7 +220,7 @@ class ChangeSettings:
         deviations: number of standard deviations that a change must exceed.
         windows: numbers of latest blocks that are compared with the estimate before them.
         every: blocks after which they are compared. confirmed: number of times in succession that a change must show.
-        history: number of earlier blocks that is needed: 1 s.
+        history: earlier blocks that are needed: 1 s; in a walk, sum of their weights [1].
         pending: latest blocks excluded from what is learnt about a constant load, as changes may be detected in them.
         back: one of `windows`, by which a load that is back to what it was before a change is recognised [blocks]: the
             shorter, the less of the push stays in the estimate.
