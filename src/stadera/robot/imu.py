@@ -27,7 +27,7 @@ class ImuMount:
 
     @classmethod
     def of(cls, robot: Robot, frame: str | None = None) -> Self:
-        """Mount of the named frame; for None, of the only frame with "imu" in its name that no leg moves, else of the
+        """Mount of the named frame; for None, of the only frame on the trunk with "imu" in its name, else of the
         trunk frame. UnknownNameError if there is no such frame, ModelError if it is fixed to a leg.
         """
         extra = robot.extra
