@@ -153,9 +153,15 @@ class ChangeDetector:
     def _differences(self, history: History, errors: Errors) -> tuple[Ints, LoadDifferences]:
         """Those over all windows with enough blocks before them, and the windows' numbers."""
         known = [history.before_last(n) if n < len(self._sums) else None for n in self.settings.windows]
-        before = {k: each for k, each in enumerate(known) if each and each.blocks >= self.settings.history}
+        before = {k: each for k, each in enumerate(known) if each and self._enough(each)}
         which, over = np.array([*before], dtype=np.int64), self._over([self.settings.windows[k] for k in before])
         return which, self._difference([*before.values()], over, history.noise, errors)
+
+    def _enough(self, before: Segment) -> bool:
+        """Whether a change may be told from the estimate before it: blocks of a stride are not alike, and count by
+        their weight; if a robot that only stood sags, what it showed before weighs little, but is all there is.
+        """
+        return (before.weight if before.steps else before.blocks) >= self.settings.history
 
     def _difference(self, before: Sequence[Segment], over: Array, noise: float, errors: Errors) -> LoadDifferences:
         """Over blocks of which the products' sums (W, 10, ...) are known; their rows scatter by `noise` times their

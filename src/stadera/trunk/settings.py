@@ -220,7 +220,7 @@ class ChangeSettings:
         deviations: number of standard deviations that a change must exceed.
         windows: numbers of latest blocks that are compared with the estimate before them.
         every: blocks after which they are compared. confirmed: number of times in succession that a change must show.
-        history: earlier blocks that are needed: 1.5 s; with 1 s there are false changes in trots after a load.
+        history: earlier blocks that are needed: 1 s; in a walk, sum of their weights [1].
         pending: latest blocks excluded from what is learnt about a constant load, as changes may be detected in them.
         back: one of `windows`, by which a load that is back to what it was before a change is recognised [blocks]: the
             shorter, the less of the push stays in the estimate.
@@ -239,7 +239,7 @@ class ChangeSettings:
     windows: tuple[int, ...] = (8, 16, 25, 40, 60, 100)
     every: int = 3
     confirmed: int = 2
-    history: int = 75
+    history: int = 50
     pending: int = 56
     back: int = 8
     agreeing: float = 3.0
