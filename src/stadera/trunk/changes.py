@@ -158,10 +158,8 @@ class ChangeDetector:
         return which, self._difference([*before.values()], over, history.noise, errors)
 
     def _enough(self, before: Segment) -> bool:
-        """Whether a change may be told from the estimate before it: blocks of a stride are not alike, and count by
-        their weight; if a robot that only stood sags, what it showed before weighs little, but is all there is.
-        """
-        return (before.weight if before.steps else before.blocks) >= self.settings.history
+        """Whether an estimate has the blocks that are needed for a change to be told from it, whatever they weigh."""
+        return before.blocks >= (self.settings.history_walking if before.steps else self.settings.history)
 
     def _difference(self, before: Sequence[Segment], over: Array, noise: float, errors: Errors) -> LoadDifferences:
         """Over blocks of which the products' sums (W, 10, ...) are known; their rows scatter by `noise` times their

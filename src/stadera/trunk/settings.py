@@ -220,7 +220,8 @@ class ChangeSettings:
         deviations: number of standard deviations that a change must exceed.
         windows: numbers of latest blocks that are compared with the estimate before them.
         every: blocks after which they are compared. confirmed: number of times in succession that a change must show.
-        history: earlier blocks that are needed: 1 s; in a walk, sum of their weights [1].
+        history, history_walking: earlier blocks that are needed, of any weight: 1 s; in a walk 1.5 s, since after 1 s a
+            stride may pass for a change.
         pending: latest blocks excluded from what is learnt about a constant load, as changes may be detected in them.
         back: one of `windows`, by which a load that is back to what it was before a change is recognised [blocks]: the
             shorter, the less of the push stays in the estimate.
@@ -240,6 +241,7 @@ class ChangeSettings:
     every: int = 3
     confirmed: int = 2
     history: int = 50
+    history_walking: int = 75
     pending: int = 56
     back: int = 8
     agreeing: float = 3.0
@@ -250,7 +252,7 @@ class ChangeSettings:
     shifted: float = 0.005
 
     def __post_init__(self) -> None:
-        _positive(self, "least_change", "history", "spoilt")
+        _positive(self, "least_change", "history", "history_walking", "spoilt")
         windows = self.windows
         if list(windows) != sorted(set(windows)) or not windows or windows[0] < 2:
             raise StaderaError(f"ChangeSettings.windows need lengths of 2 blocks and more that grow, got {windows}")

@@ -60,8 +60,8 @@ class Whereabouts:
         return self.places[k - 1] if k else self._trunk
 
     def look(self, history: History, errors: Errors, repeats: float, certain: float) -> bool:
-        """Compares the places by the rows since the present load came. Moves the load to the likeliest if that is
-        `certain`; returns whether it did.
+        """Compares the places by the rows since the present load came. Moves the load from the trunk to the
+        likeliest if that is `certain`, from elsewhere if it is likelier than not; returns whether it did.
         """
         since = history.since_load
         if since is None or history.before is None or len(self.candidates) == 1:
@@ -73,7 +73,8 @@ class Whereabouts:
         share = np.exp(odds - odds.max())
         self.probability = share / share.sum()
         best = self.candidates[int(np.argmax(odds))]
-        if best == history.at or self.probability.max() < certain:
+        enough = certain if history.at == (0,) else 0.5  # else it would stay where another place is likelier
+        if best == history.at or self.probability.max() < enough:
             return False
         history.move(best)
         return True
