@@ -471,8 +471,10 @@ class TrunkEstimator:
         loaded, current, tare = self._history.loaded, self._history.current, self._history.tare
         if loaded is None or tare is None or not loaded.blocks:
             return current
+        if 2.0 * loaded.weight > current.weight:
+            return loaded
         load, covariance, _ = self._difference(tare, None)
-        return loaded if 2.0 * loaded.weight > current.weight or load[0] ** 2 > covariance[0, 0] else current
+        return loaded if load[0] ** 2 > covariance[0, 0] else current
 
     def _adopt(self, time: float, updated: bool = False) -> None:
         """Adopts the present estimate of the trunk, unless it is implausible; `updated`: with other model errors."""

@@ -31,14 +31,14 @@ class RobustWeights:
     Assoc. 84 (1989) 881). u is averaged over the latest blocks. Without them impacts and slips decide: masses of one
     robot's walks differ twice as much.
 
-    Of a robot that moves but does not walk, S has besides what the estimate, and errors of covariance Σ, may do to r:
+    Of a robot that does not walk, S has besides what the estimate, and errors of covariance Σ, may do to r:
 
         S = u (1 + B Bᵀ) + D Σ Dᵀ,      B = A R⁻¹,      D = ∂r/∂p
 
     A robot that squats shows its friction when it turns round, as residuals that are far from usual until then: taken
-    for outliers, they hide friction, and loads: on 30 simulated squats, sways and errands with real errors eight loads
-    of 24 are missed, with this three. What even S does not explain counts by u alone. In a walk it is impacts that are
-    unusual, and while a robot only stands a change of the load.
+    for outliers they hide friction. Payloads of 29 simulated squats, sways and errands with real errors are off by
+    3.7 % of the robot (rms), with bars of 1.5 % (median), and with this by 1.8 %, with bars of 1.2 %. What even S does
+    not explain counts by u alone. In a walk it is impacts that are unusual.
 
     Args:
         least: least of u [1]; None for `OutlierSettings.least_usual`. each: each row has a usual square of its own, and
@@ -318,8 +318,8 @@ class History:
         settings, felt = self._settings.outliers, known.felt(rows)
         weight = 1.0
         if robust is not None and errors is not None:
-            shows = 2.0 * known.moved > known.weight and not (rows.stepping or known.steps)
-            weight = robust.weight(felt.columns, known, errors, covariance if shows else None)
+            walks = rows.stepping or known.steps
+            weight = robust.weight(felt.columns, known, errors, None if walks else covariance)
         if known.moved and rows.sliding < settings.sliding:
             weight *= min(settings.held / felt.share, 1.0)
         elif known.blocks and not known.moved and known.moves(rows):

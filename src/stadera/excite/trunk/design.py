@@ -133,8 +133,8 @@ def undesigned_bars(robot: Robot, load: float) -> PayloadBars | None:
 
 @lru_cache(maxsize=64)
 def bars_of_steps(robot: Robot, load: float, steps: int = 10) -> PayloadBars | None:
-    """The same of slow steps, without and with the load; None if they do not determine it. Of six draws of a Go2, a HyQ
-    and a Solo 12 bars scatter by 15 to 20 %. Raises ModelError: the robot has no nominal stance.
+    """The same of slow steps, without and with the load; None if they do not determine it. Between draws of a Go2, a
+    HyQ and a Solo 12 bars scatter by 10 to 20 %. Raises ModelError: the robot has no nominal stance.
     """
     drawn = Drawn(robot, np.random.default_rng(0))
     payload = _cube(load * robot.mass, (0.0, 0.0, 0.3 * robot.leg_length), robot.leg_length)
