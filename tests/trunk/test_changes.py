@@ -117,6 +117,13 @@ def test_a_load_put_on_early_is_found_once_there_are_enough_blocks_before_it() -
     assert abs(time - jump.blocks * BLOCK - 1.5) < 0.1
 
 
+def test_a_stride_has_to_be_known_before_a_change_in_a_walk() -> None:
+    """After 1 s a stride may pass for a load; a robot that does not step is compared from then on."""
+    made = rows(1.5, 5.0, np.array([5.0, -0.5, 0.2, 0.3, *np.zeros(6)]), 1.1, 1)
+    assert looked(made)
+    assert not looked([replace(r, swing=replace(r.swing, stepping=True)) for r in made])
+
+
 @pytest.mark.parametrize("misfit", [0.1, 1.0, 4.0, 25.0])
 def test_where_the_model_explains_less_a_change_has_to_be_larger(misfit: float) -> None:
     """In proportion to the size of the residuals, and never smaller than five standard deviations."""

@@ -292,8 +292,8 @@ class _LogPass:
             yield f"the payload is a test weight of {test.mass:g} kg at {place} m, as its owner says"
         if not self.tared and isinstance(self.estimator, TrunkEstimator):
             settings = self._request.settings.trunk
-            known = settings.changes.history * settings.block
-            yield f"a load put on in the first {known:g} s counts as part of the trunk; a tare (--tare) tells it apart"
+            known = settings.changes.history_walking * settings.block
+            yield f"a load put on in the first {known:g} s may count as part of the trunk; a tare (--tare) tells it apart"
 
     def _made(self, chunk: Recording) -> Weigher:
         request, robot, settings = self._request, self._request.robot, self._request.settings.trunk
