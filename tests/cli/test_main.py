@@ -126,3 +126,25 @@ def test_names_are_shown_as_they_are_and_no_terminal_takes_them_for_commands(run
         assert finished.code == 1
         assert shown in finished.err
         (tmp_path / name).rename(path)
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        "weigh go2_legs_in_air --robot go2",
+        "identify go2_legs_in_air --robot go2",
+        "compare go2_legs_in_air --robot go2",
+        "fleet go2_legs_in_air --robot go2 --out table.parquet",
+        "replay go2_legs_in_air --robot go2 --against go2",
+        "simulate stand --robot hyq --out log.csv",
+        "excite --robot hyq --trunk",
+        "live --robot hyq",
+    ],
+    ids=lambda command: command.split()[0],
+)
+def test_feet_can_be_named_wherever_a_robot_can(command, run, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    ended = run(*command.split(), "--feet", "nonsense")
+    assert ended.code == 1
+    assert "unknown foot 'nonsense'" in ended.err
+    assert not list(tmp_path.glob("log*"))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +20,7 @@ from stadera.lab.replay import Drive, JointLaw, Replay, ReplaySettings, _begins,
 from stadera.limits import LimitError, Limits
 from stadera.logs.processing import Preprocessing, preprocess
 from stadera.logs.topics import PdGains
-from stadera.robot import Robot
+from stadera.robot import Robot, load_robot
 
 SHORT = ReplaySettings(windows=(0.25, 0.5), every=1.0, cutoff_hz=40.0)
 
@@ -88,7 +89,7 @@ def test_models_are_those_of_an_identification(tmp_path: Path) -> None:
     with pytest.raises(ModelError):
         replayed_models(str(tmp_path / "other.json"), "hyq")
     with pytest.raises(LimitError):
-        replayed_models("hyq", "hyq", limits=Limits(elements=10))
+        replayed_models("hyq", "hyq", load=partial(load_robot, limits=Limits(elements=10)))
 
 
 def test_a_short_log_is_refused() -> None:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from stadera.cli.options import LimitValues, RobotName, flag, grouped, limits_of, option
+from stadera.cli.options import Feet, LimitValues, ModelOptions, RobotName, flag, grouped, limits_of, option
 from stadera.cli.outputs import ResultFiles, check_table
 from stadera.cli.terminal import progress, show
 
@@ -41,6 +41,7 @@ def excite(
     stand_height: Annotated[
         float | None, option("M", "Height of the trunk's origin above level ground to avoid [m].")
     ] = None,
+    feet: Feet = None,
     limit: LimitValues = None,
     *,
     files: ResultFiles,
@@ -55,9 +56,8 @@ def excite(
     """
     if trunk == (leg is not None):
         raise typer.BadParameter("one of --leg LEG and --trunk is needed", param_hint="--leg")
-    from stadera.robot import load_robot
 
-    model = load_robot(robot, limits_of(limit))
+    model = ModelOptions(feet).load(robot, limits_of(limit))
     if trunk:
         _trunk(model, out, player, seconds, rate, seed, files)
         return

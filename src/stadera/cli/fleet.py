@@ -109,6 +109,7 @@ def fleet(
     files: FleetFiles,
     processes: opt.PoolOptions,
     options: opt.LogOptions,
+    shape: opt.ModelOptions,
 ) -> None:
     """Weigh the logs of many robots, on all cores or a Dask cluster, and write one table with a row per log.
 
@@ -127,8 +128,9 @@ def fleet(
 
     folder = None if files.pages is None else str(files.pages.absolute())
     shared = FleetOptions(
-        identify, method, springs, imu_frame, options.topics, options.reading, force, options.fix, folder
-    )
+        identify, method, springs, imu_frame, options.topics, options.reading, force, options.fix,
+        parse.names(shape.feet) or (), shape.trunk, folder,
+    )  # fmt: skip
     jobs = given.jobs(shared)
     known = {} if memory is None else memory_paths(memory, jobs)
     files.check(out, merge, *known.values())

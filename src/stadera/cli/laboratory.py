@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from math import radians
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -16,6 +17,7 @@ from stadera.cli.options import (
     JsonFile,
     LimitValues,
     LogOptions,
+    ModelOptions,
     PoolOptions,
     RobotName,
     argument,
@@ -107,6 +109,7 @@ def simulate(
     ] = None,
     *,
     options: RunOptions,
+    shape: ModelOptions,
 ) -> None:
     """Simulate a robot that stands, walks or swings its legs in the air, and write its sensor values as a log.
 
@@ -122,12 +125,11 @@ def simulate(
     from stadera.lab.scenarios.catalog import SWING, scenario_named
     from stadera.lab.scenarios.run import simulate as run_scenario
     from stadera.lab.scenarios.run import swing
-    from stadera.robot import load_robot
 
     if scenario != SWING:
         scenario_named(scenario)
     settings = options.settings()
-    truth = load_robot(robot, limits_of(limit))
+    truth = shape.load(robot, limits_of(limit))
     check_table(out)
     check_outputs((out, model))
     with progress() as watch:
@@ -223,6 +225,7 @@ def replay(
     ] = "auto",
     force: Force = False,
     *,
+    shape: ModelOptions,
     options: LogOptions,
     files: ResultFiles,
 ) -> None:
@@ -247,7 +250,8 @@ def replay(
     except RecordingError as error:
         raise typer.BadParameter(str(error), param_hint="--gains") from None
     files.check()
-    models, stated = replayed_models(robot, against, force=force, limits=options.reading.limits)
+    load = partial(shape.load, limits=options.reading.limits)
+    models, stated = replayed_models(robot, against, force=force, load=load)
     settings = ReplaySettings(skip=skip)
     with progress() as watch:
         found = stated or 0.0 if lag is None else lag

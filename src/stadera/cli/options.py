@@ -53,6 +53,9 @@ Method = Annotated[
         "an IMU too [default: walking with an IMU and 50 samples a second, else standing].",
     ),
 ]
+Feet = Annotated[
+    str | None, option("A,B,...", "Links or frames of the feet, one a leg, where the model does not tell.", "--feet")
+]
 Tare = Annotated[str | None, option("T0:T1|LOG", "Time [s] in LOG, or another log, without the payload.")]
 Weight = Annotated[
     str | None, option("KG[±KG]", "The robot's mass on a scale, at the tare, else at the log's beginning.")
@@ -131,17 +134,14 @@ class PoolOptions:
 class ModelOptions:
     """Options for understanding a robot's model."""
 
-    feet: Annotated[
-        str | None, option("A,B,...", "Links or frames of the feet, one a leg, where the model does not tell.")
-    ] = None
+    feet: Feet = None
     trunk: Annotated[str | None, option("LINK", "Link of the trunk, where a URDF does not tell.")] = None
 
     def load(self, robot: str, limits: Limits) -> Robot:
         """The robot of a name or file; raises as `load_robot`."""
         from stadera.robot import load_robot
 
-        feet = tuple(foot.strip() for foot in self.feet.split(",")) if self.feet else ()
-        return load_robot(robot, limits, feet, self.trunk)
+        return load_robot(robot, limits, parse.names(self.feet) or (), self.trunk)
 
 
 def limits_of(given: Sequence[str] | None) -> Limits:

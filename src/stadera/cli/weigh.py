@@ -6,7 +6,7 @@ from typing import Annotated
 
 from stadera.cli import options as opt
 from stadera.cli import parse
-from stadera.cli.options import RobotOptions, argument, grouped, option, remembered
+from stadera.cli.options import ModelOptions, RobotOptions, argument, grouped, option, remembered
 from stadera.cli.outputs import ResultFiles
 from stadera.cli.terminal import progress, show
 
@@ -80,6 +80,7 @@ def compare(
     weight: opt.Weight = None,
     imu_frame: opt.ImuFrame = None,
     *,
+    shape: ModelOptions,
     options: opt.LogOptions,
     files: ResultFiles,
 ) -> None:
@@ -93,11 +94,10 @@ def compare(
 
     from stadera.report.table import notes, rich_table
     from stadera.report.weigh.comparison import reasons
-    from stadera.robot import load_robot
     from stadera.weigh.compare import compare as compare_logs
 
     files.check()
-    model = load_robot(options.robot(robot, logs[0]), options.reading.limits)
+    model = shape.load(options.robot(robot, logs[0]), options.reading.limits)
     with progress() as bar:
         result = compare_logs(
             model,

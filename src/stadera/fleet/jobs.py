@@ -152,6 +152,8 @@ class FleetOptions:
     reading: ReadOptions = AS_RECORDED
     force: bool = False
     fix: bool = False
+    feet: tuple[str, ...] = ()  # as of `load_robot`
+    trunk: str | None = None
     pages: str | None = None  # folder for a page of each log, see `stadera.fleet.run.page_path`; None for no pages
 
     def __post_init__(self) -> None:
@@ -185,7 +187,8 @@ class LogJob:
         """
         name = self.robot or robot
         assert name is not None
-        return _model(name, self.legs, self.options.reading.limits, self.options.force)
+        options = self.options
+        return _model(name, self.legs, options.reading.limits, options.feet, options.trunk, options.force)
 
 
 def jobs_of(
@@ -236,10 +239,12 @@ def read_manifest(
 
 
 @cache
-def _model(robot: str, legs: str | None, limits: Limits, force: bool) -> Robot:
+def _model(
+    robot: str, legs: str | None, limits: Limits, feet: tuple[str, ...], trunk: str | None, force: bool
+) -> Robot:
     from stadera.identify.schema import with_identified_legs
 
-    model = load_robot(robot, limits)
+    model = load_robot(robot, limits, feet, trunk)
     return model if legs is None else with_identified_legs(model, legs, force)
 
 

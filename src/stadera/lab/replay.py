@@ -14,7 +14,7 @@ state z is that of the recorded path at the beginning.
 """
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from math import exp
 from pathlib import Path
@@ -31,7 +31,6 @@ from stadera.identify.job import carried_shares, vertical_of
 from stadera.identify.log import chunks
 from stadera.identify.schema import with_identified_legs
 from stadera.lab.plant.model import PlantOptions, build_model, joint_offsets
-from stadera.limits import DEFAULTS, Limits
 from stadera.logs.filters import highest_cutoff
 from stadera.logs.processing import Preprocessing, Processed, preprocess
 from stadera.logs.reader import Log, as_log, read_head
@@ -279,7 +278,7 @@ class _Simulated:
 
 
 def replayed_models(
-    tested: str, against: str, *, force: bool = False, limits: Limits = DEFAULTS
+    tested: str, against: str, *, force: bool = False, load: Callable[[str], Robot] = load_robot
 ) -> tuple[tuple[Drive, ...], float | None]:
     """The models by name, the tested one first, and the torques' lag [s] that the tested one states, if it does.
 
@@ -289,15 +288,14 @@ def replayed_models(
             that was fitted to it.
         against: a model file or a robot's name.
         force: take an identification that is not to be trusted.
-        limits: for reading the model files.
+        load: reads the model of a name or file.
 
     Raises:
-        ModelError: no such file, or no model. UntrustedError: a bad identification, without `force`. LimitError:
-            a model file exceeds the limits.
+        ModelError: no such file, or no model. UntrustedError: a bad identification, without `force`; and as `load`.
     """
-    cad = load_robot(against, limits)
+    cad = load(against)
     if Path(tested).suffix.lower() != ".json":
-        return (Drive("identified", load_robot(tested, limits)), Drive("CAD", cad)), None
+        return (Drive("identified", load(tested)), Drive("CAD", cad)), None
     identified = with_identified_legs(cad, tested, force)
     with foreign(Path(tested), "not the JSON of an identification (--json)", ModelError):
         value = json.loads(Path(tested).read_text(encoding="utf-8"))

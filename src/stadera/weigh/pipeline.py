@@ -293,7 +293,7 @@ class _LogPass:
         if not self.tared and isinstance(self.estimator, TrunkEstimator):
             settings = self._request.settings.trunk
             known = settings.changes.history_walking * settings.block
-            yield f"a load put on in the first {known:g} s may count as part of the trunk; a tare (--tare) tells it apart"
+            yield f"a load put on in the first {known:g} s may count as the trunk's; a tare (--tare) tells it apart"
 
     def _made(self, chunk: Recording) -> Weigher:
         request, robot, settings = self._request, self._request.robot, self._request.settings.trunk
