@@ -114,10 +114,6 @@ class WeightedRows(Equations):
         """Share of the joints that slide, whose direction of friction is known [1]."""
         return float(np.count_nonzero(self.slides.any(axis=0)) / self.slides.shape[1])
 
-    def weighing(self, weight: float) -> WeightedRows:
-        """The same with another weight."""
-        return replace(self, weight=weight)
-
 
 def unit_of_rows(robot: Robot) -> Array:
     """Unit of the rows (6,): 1 % of the robot's weight [N], of moments that with the leg's length as lever [N·m].

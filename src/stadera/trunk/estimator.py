@@ -484,8 +484,8 @@ class TrunkEstimator:
             self._refuse(f"the estimate runs away: {complaint}")
             return
         self._good = read
-        verdict, misfit = self._fit.verdict
-        if verdict == "bad":
+        misfit = self._fit.misfit
+        if misfit > self.settings.bad:
             self._state = replace(self._state, learnt=time, since=since)
             self._refuse(f"the model does not explain what the sensors say: {self.trust.reasons[0]}")
             return

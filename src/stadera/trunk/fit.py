@@ -116,15 +116,8 @@ class Fit:
             f"the torque of {names[k]!r} has changed by {stepped[k]:.3g} N·m since the beginning while its leg swings"
             for k in np.flatnonzero(stepped)
         )
-        verdict = self.verdict(settings, swing_misfit, stepped)
+        verdict: Verdict = "bad" if self.misfit > settings.bad else "doubtful" if reasons else "good"
         return Trust(verdict, self.misfit, self._by_leg(robot, errors), reasons)
-
-    def verdict(self, settings: TrunkSettings, swing_misfit: float, stepped: Array) -> Verdict:
-        """The verdict alone."""
-        if self.misfit > settings.bad:
-            return "bad"
-        doubtful = self.misfit > settings.doubtful or swing_misfit > settings.bad or np.count_nonzero(stepped)
-        return "doubtful" if doubtful else "good"
 
     def _by_leg(self, robot: Robot, errors: ErrorModel) -> dict[str, float]:
         """Mean square of the residual along each leg's errors, divided by that expected from noise and the errors of
@@ -215,12 +208,9 @@ class ModelFit:
         return True
 
     @property
-    def verdict(self) -> tuple[Verdict, float]:
-        """Verdict and misfit."""
-        if self.fit is None or self.swing_misfit is None:
-            return "doubtful", 1.0
-        verdict = self.fit.verdict(self._settings, self.swing_misfit, self.swing.stepped)
-        return "doubtful" if verdict == "good" and self._turned else verdict, self.fit.misfit
+    def misfit(self) -> float:
+        """That of the fit; one before there are enough rows to evaluate it."""
+        return 1.0 if self.fit is None or self.swing_misfit is None else self.fit.misfit
 
     @property
     def trust(self) -> Trust:

@@ -216,7 +216,7 @@ class History:
         keep = exp(-made.elapsed / self._settings.memory)
         rows = self._with_limbs(self._weighting.weighted(made), errors)
         known, weight = self._with(self.current, rows, keep, self._robust, errors, covariance)
-        rows = rows.weighing(weight)
+        rows = replace(rows, weight=weight)
         self._known.append(known)
         self.recent.append(rows)
         self.blocks += 1
@@ -278,7 +278,7 @@ class History:
         self._begin(self._widened(before, errors), (), None)
         for alone in self._of_one_load(recent[len(recent) - blocks + spoilt :]):
             known_since, weight = self._with(self.current, alone)  # weights were by residuals from the earlier load
-            self.recent.append(alone.weighing(weight))
+            self.recent.append(replace(alone, weight=weight))
             self._known.append(known_since)
             self._loaded.append(None)
         return known
@@ -324,7 +324,7 @@ class History:
             weight *= min(settings.held / felt.share, 1.0)
         elif known.blocks and not known.moved and known.moves(rows):
             keep *= settings.held  # what a robot showed that has only stood, once it moves
-        return known.add(felt.weighing(weight), keep, louder=self.noise), weight
+        return known.add(replace(felt, weight=weight), keep, louder=self.noise), weight
 
     def _set(self, finished: tuple[Segment, ...]) -> None:
         self.finished = finished
