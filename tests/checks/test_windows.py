@@ -9,7 +9,7 @@ import pytest
 
 from stadera.checks import diagnose
 from stadera.checks.limits import WindowLimits
-from stadera.checks.windows import window_faults, with_verdicts
+from stadera.checks.windows import Windows, window_faults, with_verdicts
 from stadera.errors import UntrustedError
 from stadera.lab.experiments.fault_kinds import SIGNAL_FAULTS
 from stadera.lab.scenarios.catalog import SimulateSettings
@@ -33,6 +33,15 @@ def shake(hyq: Robot) -> Recording:
 @pytest.fixture(scope="module")
 def trot(hyq: Robot) -> Recording:
     return simulate(hyq, "trot", SimulateSettings("standard", duration=4.0, seed=1, hold=2)).recording
+
+
+@pytest.mark.parametrize("factor", [1.0, 1e6, 1e9])
+def test_time_in_other_units_makes_no_more_windows_than_samples(shake: Recording, factor: float) -> None:
+    time = factor * shake.time
+    windows = Windows.of(time, WindowLimits().length)
+    assert 1 <= len(windows) <= len(time)
+    assert windows.edges[0] == time[0]
+    assert windows.edges[-1] == time[-1]
 
 
 @pytest.fixture(scope="module")

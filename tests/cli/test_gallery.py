@@ -75,6 +75,7 @@ Case = tuple[Callable[[Recording, Robot], Recording], str, tuple[str, ...]]
 GALLERY: dict[str, Case] = {
     "degrees": (lambda log, r: scaled(log, position=1 / DEGREE), "in degrees", ("--units", "deg")),
     "milliseconds": (lambda log, r: scaled(log, time=1e3), "time seems to be in ms", ("--units", "ms")),
+    "microseconds": (lambda log, r: scaled(log, time=1e6), "time seems to be in us", ("--units", "us")),
     "degrees and milliseconds": (
         lambda log, r: scaled(log, time=1e3, position=1 / DEGREE),
         "time seems to be in ms",
