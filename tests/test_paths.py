@@ -78,7 +78,9 @@ def walk_path(installed: Path, folder: Path, name: str, before: str = "") -> str
 
 
 def commands(page: str) -> list[str]:
-    return [line.strip() for line in re.findall(r"^    (stadera [^#\n]+)", (ROOT / page).read_text(), re.MULTILINE)]
+    return [
+        line.strip() for line in re.findall(r"^    ((?:stadera|sed) [^#\n]+)", (ROOT / page).read_text(), re.MULTILINE)
+    ]
 
 
 def values(path: Path) -> dict[str, Any]:
@@ -144,6 +146,8 @@ def test_a_student_with_the_paper(installed: Path, tmp_path: Path) -> None:
         "CAD",
         "rank, of 30",
         "table1.html",
+        "legs LF and RF are swapped",
+        "46 % better",
     ):
         assert words in told
     records = json.loads((tmp_path / "table1.json").read_text())
@@ -160,4 +164,4 @@ def test_a_student_with_the_paper(installed: Path, tmp_path: Path) -> None:
             assert 0 < seen["answer"] < seen["badge"] < SCREEN
             assert (seen["scroll"] <= seen["width"], seen["wide"]) == (True, [])
     assert r"\toprule" in (tmp_path / "table1.tex").read_text()
-    assert {"payload.html", "legs.html", "identified.urdf"} <= {path.name for path in tmp_path.iterdir()}
+    assert {"payload.html", "legs.html", "go2_drives.yaml"} <= {path.name for path in tmp_path.iterdir()}

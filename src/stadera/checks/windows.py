@@ -40,7 +40,7 @@ class Windows:
 
     @classmethod
     def of(cls, time: Array, length: float) -> Self:
-        """Divides the time into equal windows of about this length [s], not more than samples: of a log in µs either."""
+        """Divides the time into equal windows of about this length [s], at most one a sample: of a log in µs too."""
         count = max(1, min(round(float(time[-1] - time[0]) / length), len(time)))
         edges = np.linspace(time[0], time[-1], count + 1)
         return cls(edges, np.clip(np.searchsorted(edges, time, side="right") - 1, 0, count - 1))

@@ -38,9 +38,11 @@ def argument(metavar: str, help_: str) -> Any:
     return typer.Argument(metavar=metavar, help=help_)
 
 
-RobotName = Annotated[str, option("R", "A robot's name, or a path to a URDF or MJCF.", "--robot", show_default=False)]
+RobotName = Annotated[
+    str, option("R", "A robot's name, or a path to a URDF, xacro or MJCF.", "--robot", show_default=False)
+]
 RobotOfLog = Annotated[
-    str | None, option("R", "A robot's name, or a path to a URDF or MJCF [default: as the log says].", "--robot")
+    str | None, option("R", "A robot's name, or a path to a URDF, xacro or MJCF [default: as the log says].", "--robot")
 ]
 LegsFile = Annotated[
     Path | None, option("F.json", "Links, friction, rotor inertia, torque offsets from `identify --json`.", "--legs")
