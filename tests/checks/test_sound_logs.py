@@ -139,3 +139,15 @@ def test_blocks_at_a_mechanical_stop_are_left_out() -> None:
     right = free.trunk.inertial.mass
     assert abs(held.trunk.inertial.mass - right) < 0.02 * robot.mass
     assert abs(held.trunk.inertial.mass - right) < 0.5 * abs(blind.trunk.inertial.mass - right)
+
+
+@pytest.mark.parametrize(("noise", "accused"), [(0.3, False), (1.0, True)])
+def test_a_joint_that_a_load_leaves_nothing_to_carry_is_idle(noise: float, accused: bool) -> None:
+    """It is as noisy as before; a sensor that has died seldom is."""
+    robot, log = load_robot("hyq"), swaying("hyq", 3)
+    assert log.effort is not None
+    effort, rng, later = log.effort.copy(), np.random.default_rng(0), log.time >= 2.0
+    carried = 10.0 + np.sin(5.0 * log.time)
+    effort[:, 1] = np.where(later, 0.0, carried) + np.where(later, noise, 0.3) * rng.standard_normal(len(log))
+    found = [f for f in window_faults(replace(log, effort=effort), robot) if f.message.endswith("is only noise")]
+    assert bool(found) == accused

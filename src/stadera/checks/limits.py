@@ -204,4 +204,5 @@ class WindowLimits:
     white: float = 0.2
     coloured: float = 0.7
     holds: float = 4.0  # standard deviations of a window's mean torque above which the joint holds something
+    as_noisy: float = 1.5  # ratio within which a sensor's noise is what it is at other times, up or down
     left_out: float = 0.3  # largest share of the log that may be excluded because of faults in part of it

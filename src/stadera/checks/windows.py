@@ -228,7 +228,8 @@ def _holding(recording: Recording, robot: Robot) -> Array:
 
 def _noise(effort: Array, robot: Robot, windows: Windows, limits: WindowLimits, tested: Bools) -> Iterator[Finding]:
     """Detects noise, whose successive means are uncorrelated over short times and over long ones, `averaged`; swings of
-    a trot change sign within the long ones. `tested` (n,): joints that are not idle.
+    a trot change sign within the long ones. `tested` (n,): joints that are not idle. One that is as noisy while its
+    torque means something has a sensor that works, and carries nothing since a load has moved the weight, say.
     """
     found = [_correlation(effort, windows, round(windows.span / time), limits.at_once) for time in limits.averaged]
     correlation = np.max([own for own, _, _ in found], axis=0)
@@ -237,8 +238,17 @@ def _noise(effort: Array, robot: Robot, windows: Windows, limits: WindowLimits, 
         joint, others = robot.tree.joints[j], np.median(np.delete(correlation, j, axis=1), axis=1)
         chosen = (correlation[:, j] < limits.white) & (others > limits.coloured) & (count > limits.fewest)
         chosen &= holds[:, j] < limits.holds
-        if np.count_nonzero(chosen) > min(1, len(windows) - 1):  # a joint may be idle for a moment
+        if np.count_nonzero(chosen) <= min(1, len(windows) - 1):  # a joint may be idle for a moment
+            continue
+        works = (holds[:, j] >= limits.holds) | (correlation[:, j] > limits.coloured)
+        noise, usual = (_noise_in(effort[:, j], windows, of, limits) for of in (chosen, works))
+        if not usual / limits.as_noisy < noise < usual * limits.as_noisy:
             yield Finding("effort", f"the torque of {joint!r} is only noise", spans=windows.spans(chosen))
+
+
+def _noise_in(values: Array, windows: Windows, chosen: Bools, limits: WindowLimits) -> float:
+    """Standard deviation of the white noise of values (samples,) in these windows, zero without any."""
+    return float(_white(values[chosen[windows.of_sample]], limits)) if chosen.any() else 0.0
 
 
 def _correlation(effort: Array, windows: Windows, parts: int, at_once: int) -> tuple[Array, Array, Array]:
