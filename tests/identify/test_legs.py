@@ -494,3 +494,19 @@ def test_real_legs_are_physical(real: Identification) -> None:
 
 def test_real_drives_lag_by_some_ten_milliseconds(real: Identification) -> None:
     assert 0.005 < real.torque_lag < 0.02
+
+
+def test_a_joint_at_rest_has_no_friction_though_its_velocity_is_noisy() -> None:
+    log, rng = exact_run(), np.random.default_rng(0)
+    assert log.velocity is not None
+    assert log.acceleration is not None
+    knee, moves = log.joints.index("rh_kfe_joint"), np.array([1.0, 1.0, 0.0])
+    position = np.where(moves, log.position, log.position[0] + 1e-4 * rng.standard_normal(log.position.shape))
+    velocity = np.where(moves, log.velocity, 0.005 * rng.standard_normal(log.position.shape))
+    assert knee == 2
+    part = replace(log, position=position, velocity=velocity, acceleration=moves * log.acceleration)
+    result = identify(hyq(), [part], RH, force=True)
+    found = result.legs[0].parameters
+    assert all(found[f"rh_kfe_joint.{term}"].is_held for term in ("armature", "viscous", "coulomb"))
+    assert not found["rh_hfe_joint.viscous"].is_held
+    assert any("rh_kfe_joint" in warning and "friction do not show" in warning for warning in result.warnings)

@@ -12,11 +12,12 @@ import pytest
 
 import stadera
 from identify.leg_runs import hyq, noisy, run
-from stadera.errors import MissingExtraError, StaderaError, UntrustedError
+from stadera.errors import MissingExtraError, ModelError, StaderaError, UntrustedError
 from stadera.identify.gather import LegScore
 from stadera.identify.result import Identification
 from stadera.identify.schema import with_identified_legs
 from stadera.identify.settings import IdentifySettings, TrustSettings
+from stadera.inertia import InertialParameters
 from stadera.logs import Recording, read
 
 RH = IdentifySettings(legs=("RH",))
@@ -135,6 +136,17 @@ def test_legs_that_are_not_to_be_trusted_are_refused(result: Identification, tmp
     forced = with_identified_legs(hyq(), path, force=True)
     assert forced.dynamics["rh_kfe_joint"] != hyq().dynamics["rh_kfe_joint"]
     assert (forced.distrust, hyq().distrust) == ("the sign is wrong", "")
+
+
+def test_legs_of_another_robot_are_refused(result: Identification, tmp_path) -> None:
+    """Links of the same names; a robot under another name has the same masses."""
+    path = tmp_path / "legs.json"
+    result.save_json(path)
+    other = replace(hyq(), name="hyq_of_ours")
+    assert with_identified_legs(other, path).dynamics == with_identified_legs(hyq(), path).dynamics
+    heavier = {link: InertialParameters(1.1 * hyq().inertias[link].vector) for link in hyq().leg("RH").links}
+    with pytest.raises(ModelError, match="of the robot 'hyq', whose links have other masses than those of 'hyq_of_"):
+        with_identified_legs(other.with_inertias(heavier), path)
 
 
 def test_identified_legs_bring_their_standard_deviations(result: Identification, tmp_path) -> None:

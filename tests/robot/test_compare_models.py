@@ -108,9 +108,13 @@ def test_drives_are_yaml_with_ranges_of_what_was_determined() -> None:
     read = yaml.safe_load(text)
     isaac, mjlab, ranges = read["isaac_lab"], read["mjlab"], read["randomisation"]
     assert isaac["class"].startswith("isaaclab.actuators.")
-    assert isaac["joint_names_expr"] == mjlab["target_names_expr"] == list(robot.tree.joints)
-    assert isaac["armature"][joint] == mjlab["armature"][joint] == 0.02
-    assert isaac["friction"][joint] == isaac["dynamic_friction"][joint] == mjlab["frictionloss"][joint] == 0.5
+    first, *others = mjlab["actuators"]
+    assert isaac["joint_names_expr"] == [joint, *(name for each in others for name in each["target_names_expr"])]
+    assert isaac["joint_names_expr"] == list(robot.tree.joints)
+    assert isaac["armature"][joint] == first["armature"] == 0.02
+    assert isaac["friction"][joint] == isaac["dynamic_friction"][joint] == first["frictionloss"] == 0.5
+    assert first["viscous_damping"] == 0.1
+    assert first["effort_limit"] == robot.limits[joint].effort
     assert isaac["effort_limit"][joint] == robot.limits[joint].effort
     np.testing.assert_allclose(ranges["armature"][joint], [0.012, 0.028])
     np.testing.assert_allclose(ranges["coulomb"][joint], [0.0, 1.3])  # friction is not below zero

@@ -120,7 +120,7 @@ def identify(
         result = identify_legs(
             model, training, settings, validation or None, watch, fix=options.fix, force=force, memory=known
         )
-    _require_trust(result, force)
+    _require_trust(result, force, export)
     drawn = (table, lambda draft: result.save_draws(draft, count))
     kept = [] if result.memory is None else [(memory, result.memory.save_json)]
     files.write_result(result, (export, partial(save_model, result)), drawn, *kept)
@@ -144,10 +144,19 @@ def _checked_export(robot: Robot, path: Path | None) -> Callable[[Identification
     return Identification.save_urdf
 
 
-def _require_trust(result: Identification, force: bool) -> None:
+def _require_trust(result: Identification, force: bool, export: Path | None) -> None:
     from stadera.errors import UntrustedError
 
-    if result.trust.verdict == "bad" and not force:
+    if force:
+        return
+    if not result.rank:
+        raise UntrustedError(f"{result.source}: the log determines nothing: it is too short, or the legs hardly move")
+    if export is not None and not result.is_physical:
+        raise UntrustedError(
+            f"{export}: not written, since some link is a body that cannot be, as null-space solutions may be; "
+            "--method consistent finds one that can, --force writes it all the same"
+        )
+    if result.trust.verdict == "bad":
         raise UntrustedError(
             f"{result.source}: the model does not explain the torques, misfit {result.trust.misfit:.3g} (1 is right): "
             f"{'; '.join(result.trust.reasons)}; --force gives the figures all the same"

@@ -86,6 +86,7 @@ class LegTask:
     fixed: Mapping[str, float]  # parameters that are not identified, at the model's values
     prior: Prior  # of the parameters that are identified
     varying: Mapping[str, VaryingFriction] = field(default_factory=dict)  # by joint with Coulomb friction
+    still: frozenset[str] = frozenset()  # joints that do not move: what is measured of their velocities is noise
 
     @classmethod
     def of(cls, robot: Robot, leg: Leg, settings: IdentifySettings) -> LegTask:
@@ -112,6 +113,9 @@ class LegTask:
 
     def rows(self, motion: JointMotion, torque: Array, trunk: TrunkMotion, std: float = 1.0) -> Iterator[Rows]:
         """One set of rows for each joint [N·m], from torques (samples, joints)."""
+        if self.still:
+            moves = np.array([joint not in self.still for joint in self.leg.joints], dtype=float)
+            motion = JointMotion(motion.position, moves * motion.velocity, moves * motion.acceleration)
         for k, (joint, rows) in enumerate(
             zip(self.leg.joints, self.regressor.rows(motion, torque, trunk, std), strict=True)
         ):

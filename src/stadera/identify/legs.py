@@ -205,13 +205,17 @@ def _identified(
 
 
 def _moving(job: Job, training: Part) -> tuple[Job, tuple[str, ...]]:
-    """The job with the friction that its motion shows, and a warning where nothing moves."""
-    still: tuple[str, ...] = ()
+    """The job with the friction that its motion shows, and a warning on joints that do not move."""
+    said, signals = [], job.settings.signals
     if not training.moves(job.drop_below):
-        slowest = f"{job.settings.signals.drop_below:g} rad/s"
-        still = (f"no sample moves (all joint velocities stay below {slowest}): samples at rest are used",)
+        slowest = f"{signals.drop_below:g} rad/s"
+        said = [f"no sample moves (all joint velocities stay below {slowest}): samples at rest are used"]
         job = replace(job, drop_below=0.0)
-    return with_varying_friction(job, training), still
+    if still := training.still(signals.travel):
+        which = "all joints" if len(still) == len(job.joints) else ", ".join(j for j in job.joints if j in still)
+        said.append(f"{which}: within {signals.travel:g} rad throughout: rotor inertia and friction do not show")
+        job = replace(job, tasks=tuple(replace(task, still=still) for task in job.tasks))
+    return with_varying_friction(job, training), tuple(said)
 
 
 def _agreed(

@@ -118,6 +118,14 @@ class Part:
         """True if any joint is ever at least this fast [rad/s]."""
         return any(bool((np.abs(chunk.velocity) >= slowest).any()) for chunk in self)
 
+    def still(self, travel: float) -> frozenset[str]:
+        """Joints that stay within this travel [rad]."""
+        low, high = np.full(len(self.joints), np.inf), np.full(len(self.joints), -np.inf)
+        for chunk in self:
+            low = np.minimum(low, chunk.position.min(axis=0, initial=np.inf))
+            high = np.maximum(high, chunk.position.max(axis=0, initial=-np.inf))
+        return frozenset(joint for joint, way in zip(self.joints, high - low, strict=True) if way < travel)
+
     def __iter__(self) -> Iterator[Processed]:
         """Yields all chunks of all stretches."""
         return chain.from_iterable(self.streams())

@@ -338,7 +338,7 @@ def _unmeasured(leg: LegIdentification) -> str:
         if term not in VARYING_UNITS:  # which no format holds
             held.setdefault(owner, []).append(term)
     listed = "; ".join(f"{owner} {', '.join(terms)}" for owner, terms in held.items())
-    why = "Not measured, the model's as far as physical consistency with what was measured allows"
+    why = "Not measured, the model's as far as like joints and physical consistency with what was measured allow"
     return listed and f"{why}: {listed}."
 
 

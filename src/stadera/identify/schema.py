@@ -6,9 +6,9 @@ measured on this leg or others.
 """
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from math import isfinite, nan
+from math import isclose, isfinite, nan
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -94,7 +94,7 @@ def with_identified_legs(robot: Robot, path: str | PathLike[str], force: bool = 
         force: take an identification that is not to be trusted, with the reason as `Robot.distrust`.
 
     Raises:
-        ModelError: no such file, a JSON of another kind, or a physically impossible link.
+        ModelError: no such file, a JSON of another kind or of another robot, or a physically impossible link.
         UntrustedError: an identification that is not to be trusted, without `force`.
         UnknownNameError: a link or joint that this robot lacks.
     """
@@ -108,6 +108,9 @@ def with_identified_legs(robot: Robot, path: str | PathLike[str], force: bool = 
         joints = {name: _terms(entry) for name, entry in value["joints"].items()}
         stds = {name: _stds(entry) for name, entry in value["joints"].items()}
         distrust = _distrust(value.get("trust"))
+        named, masses = value.get("robot"), {name: entry["mass"].get("prior") for name, entry in value["links"].items()}
+    if named not in (None, robot.name) and not _masses_are(robot, masses):
+        raise ModelError(f"{path}: of the robot {named!r}, whose links have other masses than those of {robot.name!r}")
     if distrust and not force:
         raise UntrustedError(
             f"{path}: legs not to be trusted ({distrust}); identify anew; `--force` takes them, the result is doubtful"
@@ -208,6 +211,14 @@ def _terms(entry: dict[str, Any]) -> dict[str, float]:
 def _stds(entry: dict[str, Any]) -> JointDynamics:
     stds = {term: entry.get(term, {}).get("std") for term in FRICTION_TERMS}
     return JointDynamics(**{term: nan if std is None else float(std) for term, std in stds.items()})
+
+
+def _masses_are(robot: Robot, masses: Mapping[str, float | None]) -> bool:
+    """True if links have these masses [kg] in the robot's model: it is another name of the same robot."""
+    own = {name: robot.inertias[name].mass for name in masses if name in robot.inertias}
+    return len(own) == len(masses) and all(
+        mass is not None and isclose(mass, own[name], rel_tol=1e-6) for name, mass in masses.items()
+    )
 
 
 def _distrust(trust: dict[str, Any] | None) -> str:

@@ -84,10 +84,13 @@ class SignalSettings:
     any_part: float = 0.98
     # the paper's limit [rad/s]; the velocity of a slower joint does not determine its friction
     drop_below: float = 0.01
+    # travel within which a joint stays that does not move [rad]: gears wind up and play by up to a degree, and encoders
+    # have a tenth of that as noise
+    travel: float = 0.02
     lag: LagSettings = field(default_factory=LagSettings)  # estimation of the torque lag
 
     def __post_init__(self) -> None:
-        require_positive("signal setting", self, ("lowest_cutoff", "lag_cutoff", "any_part", "drop_below"))
+        require_positive("signal setting", self, ("lowest_cutoff", "lag_cutoff", "any_part", "drop_below", "travel"))
 
 
 @dataclass(frozen=True)

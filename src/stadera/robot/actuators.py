@@ -16,7 +16,7 @@ from stadera.robot.model import Robot
 
 _UNITS = {"armature": "kg·m²", "viscous": "N·m·s/rad", "coulomb": "N·m"}
 _ISAAC = {"armature": "armature", "friction": "coulomb", "dynamic_friction": "coulomb", "viscous_friction": "viscous"}
-_MJLAB = {"armature": "armature", "frictionloss": "coulomb", "joint_damping": "viscous"}
+_MJLAB = {"armature": "armature", "frictionloss": "coulomb", "viscous_damping": "viscous"}
 
 
 def actuators_yaml(robot: Robot, torque_lag: float | None = None, source: str = "", notes: Sequence[str] = ()) -> str:
