@@ -6,10 +6,12 @@ import json
 from pathlib import Path
 
 import numpy as np
+import pandas as pd  # type: ignore[import-untyped]
 import pytest
 
 from log_formats import in_other_units, own_names
 from stadera.logs import Recording
+from stadera.robot import load_robot
 
 
 @pytest.fixture
@@ -56,3 +58,22 @@ def test_options_that_are_wrong(run, log: Path, options: tuple[str, ...], code: 
     assert finished.code == code
     assert message in finished.err
     assert finished.err.count("\n") == 1
+
+
+def test_an_own_robots_columns_are_known_by_its_joints(run, swing: Recording, tmp_path: Path) -> None:
+    """Inspect, and the map that it writes, know them as weigh does; without the robot they mean nothing."""
+    source, names = load_robot("hyq").source, {"haa": "abad", "hfe": "swing", "kfe": "bend"}
+    assert source is not None
+    model, log, text = tmp_path / "own.urdf", tmp_path / "own.csv", source.read_text()
+    for number, leg in enumerate(("lf", "rf", "lh", "rh"), start=1):
+        for theirs, own in names.items():
+            text = text.replace(f"{leg}_{theirs}_joint", f"leg{number}_{own}")
+    model.write_text(text)
+    table = {"stamp": swing.time, "gyr_x": np.zeros(len(swing))}
+    for k, own in enumerate(names.values()):
+        table |= {f"leg4_{own}_pos": swing.position[:, k], f"leg4_{own}_trq": swing.effort[:, k]}  # type: ignore[index]
+    pd.DataFrame(table).to_csv(log, index=False)
+    shown = run("inspect", log, "--robot", model)
+    assert "joints with a position: leg4_abad, leg4_swing, leg4_bend" in shown.err
+    assert '"leg4_bend.effort" = "leg4_bend_trq"' in run("inspect", log, "--robot", model, "--columns").out
+    assert "not a flat table" in run("inspect", log).err

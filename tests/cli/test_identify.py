@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stadera.logs import Recording, write_table
+from stadera.logs import Recording, read, take, write_table
 from stadera.robot import load_robot
 
 JOINTS = ("rh_haa_joint", "rh_hfe_joint", "rh_kfe_joint")
@@ -323,3 +323,14 @@ def test_a_log_that_the_model_does_not_explain_needs_force(run, swing, tmp_path)
     found = json.loads(out.read_text())
     assert found["trust"]["verdict"] == "bad"
     assert found["links"]["rh_upperleg"]["com"][0]["trusted"] is False
+
+
+def test_an_impossible_body_is_in_no_model_file(run, tmp_path) -> None:
+    given = ("identify", "go2_legs_in_air", "--robot", "go2", "--legs", "LF", "--method", "null-space")
+    _expect_error(run(*given, "--export", tmp_path / "legs.urdf"), "a body that cannot be", "--force")
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_log_that_determines_nothing_is_no_result(run, tmp_path) -> None:
+    log = write_table(take(read("go2_legs_in_air"), slice(0, 100)), tmp_path / "log.csv")
+    _expect_error(run("identify", log, "--robot", "go2", "--legs", "LF"), "the log determines nothing")

@@ -45,6 +45,7 @@ class CheckLimits:
     unlike: float = 0.3
     like: float = 0.7
     gravity: float = 0.6  # deviation of the mean specific force from gravity [m/s²]
+    stride: float = 0.5  # least duration over which the mean specific force of a trot is gravity [s]
     gravity_samples: int = 250  # over which specific forces are averaged: a quarter of a second to a second, a step
     # close, far: angles within which two verticals agree, and beyond which a third one is the one that is wrong [rad]
     close: float = radians(15.0)

@@ -34,7 +34,8 @@ def unit_findings(
     found = [*time_findings(recording, limits), *position_findings(recording, robot, limits)]
     if not found and blocks.joints and len(recording) > 1:
         found += velocity_findings(blocks, limits)
-    gravity = () if recording.imu is None else gravity_findings(recording.imu, limits)
+    imu = recording.imu if recording.time[-1] - recording.time[0] >= limits.stride else None
+    gravity = () if imu is None else gravity_findings(imu, limits)
     return (*found, *gravity)
 
 

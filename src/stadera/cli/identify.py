@@ -125,6 +125,8 @@ def identify(
     kept = [] if result.memory is None else [(memory, result.memory.save_json)]
     files.write_result(result, (export, partial(save_model, result)), drawn, *kept)
     show(*identification_tables(result))
+    if export is not None and export.suffix.lower() == ".urdf":
+        show("note: a URDF has no place for rotor inertia; MJCF (.xml) and the drives (.yaml) have, as --json has all")
 
 
 def _checked_export(robot: Robot, path: Path | None) -> Callable[[Identification, Path], None]:
@@ -149,7 +151,7 @@ def _require_trust(result: Identification, force: bool, export: Path | None) -> 
 
     if force:
         return
-    if not result.rank:
+    if not result.rank and result.trunk is None:
         raise UntrustedError(f"{result.source}: the log determines nothing: it is too short, or the legs hardly move")
     if export is not None and not result.is_physical:
         raise UntrustedError(

@@ -1,5 +1,6 @@
 """`stadera inspect`: shows the content of a robot model or a log."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -10,6 +11,8 @@ from stadera.cli.terminal import progress, show
 if TYPE_CHECKING:
     from stadera.limits import Limits
     from stadera.logs import LogFile
+    from stadera.logs.topics import ReadOptions
+    from stadera.robot import Robot
 
 
 TEMPLATE = "-"
@@ -48,7 +51,10 @@ def inspect(
     if options.columns == TEMPLATE:
         from stadera.logs.foreign.template import template
 
-        print(template(Path(target), LogOptions(units=options.units, limit=options.limit).reading), end="")
+        reading = LogOptions(units=options.units, limit=options.limit).reading
+        if robot is not None:
+            reading = _named(reading, shape.load(robot, limits_of(options.limit)))
+        print(template(Path(target), reading), end="")
         return
     if other is not None:
         _compare(target, other, limits_of(options.limit), shape)
@@ -70,10 +76,15 @@ def inspect(
     from stadera.weigh.weigh import inspected
 
     model = shape.load(robot, limits_of(options.limit))
-    summary = summarize(stream(log))
+    summary = summarize(stream(replace(log, reading=_named(log.reading, model))))
     with progress() as watch:
         found = inspected(model, log, fix=options.fix, progress=watch)
     show(*log_contents(summary, [model.name], found))
+
+
+def _named(reading: "ReadOptions", robot: "Robot") -> "ReadOptions":
+    """The same, by which columns that name the robot's joints are known."""
+    return replace(reading, others=robot.tree.joints)
 
 
 def _compare(first: str, second: str, limits: "Limits", shape: ModelOptions) -> None:

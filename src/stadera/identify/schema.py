@@ -20,6 +20,7 @@ from stadera.boundary import foreign, require_input
 from stadera.errors import ModelError, UntrustedError
 from stadera.identify.observability import Identifiability
 from stadera.identify.result import Identification, LegIdentification, Quantity
+from stadera.identify.varying import VARYING_UNITS
 from stadera.inertia import ORDER, InertialParameters
 from stadera.results import data_frame
 from stadera.robot.model import JointDynamics, Robot
@@ -64,8 +65,8 @@ def identification_dict(result: Identification) -> dict[str, Any]:
         "torque_lag": result.torque_lag,
         "validated_on": result.validated_on,
         "notes": list(result.notes),
-        "warnings": list(result.warnings),
-        "units": dict(UNITS),
+        "warnings": [*result.warnings, *(f"{leg.leg.name}: {said}" for leg in result.legs for said in leg.warnings)],
+        "units": UNITS | VARYING_UNITS | {"presliding": "rad"},
         "frames": {"links": "each link's own", "inertia_about": "frame origin"},
     }
 

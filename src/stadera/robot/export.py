@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
-from stadera.constants import ROUNDING
+from stadera.constants import NOTHING, ROUNDING
 from stadera.errors import ModelError
 from stadera.files import written_together
 from stadera.inertia import InertialParameters
@@ -288,9 +288,10 @@ def _description(links: Iterable[str], dynamics: Mapping[str, JointDynamics], *,
         f"Joint friction written for: {', '.join(dynamics) or 'none'}.",
     ]
     without = [term for term in _UNITS if term not in (_URDF if is_urdf else _MJCF)]
-    left = [(j, term, value) for j, d in dynamics.items() for term in without if (value := getattr(d, term))]
+    every = ((joint, term, getattr(d, term)) for joint, d in dynamics.items() for term in without)
+    left = [(joint, term, value) for joint, term, value in every if abs(value) > NOTHING]
     if left:
-        listed = "; ".join(f"{joint} {term} {value!r} {_UNITS[term]}" for joint, term, value in left)
+        listed = "; ".join(f"{joint} {term} {value:.6g} {_UNITS[term]}" for joint, term, value in left)
         lines.append(f"Values that this format has no place for: {listed}.")
     return "\n  ".join(lines)
 

@@ -76,8 +76,13 @@ def weighed(request: Request, log: CheckedLog) -> Weighing:
         why = f"lies outside the log, which is {log.end - log.begin:.3g} s long"
         if (event := log.event) is not None and event.begin < request.tare[1] <= log.end:
             why = f"is not used after {event.begin - log.begin:.2f} s: {event.reason}"
-        raise IdentificationError(f"{log.source.source}: the tare's time, {begin:g} to {end:g} s, {why}")
+        raise IdentificationError(f"{log.source.source}: the tare's time, {_range(begin, end)}, {why}")
     return reading.result()
+
+
+def _range(begin: float, end: float) -> str:
+    """A range of time since the log's beginning [s], which a first stamp just after zero does not make negative."""
+    return f"{round(begin, 2) + 0.0:g} to {round(end, 2):g} s"
 
 
 def trust_now(estimator: Weigher, learnt: float | None = None, begin: float = 0.0) -> Trust:
@@ -357,7 +362,7 @@ class _LogPass:
                 f"{self.log.source.source}: the load changes within the tare's time, at "
                 f"{changes[-1].time - self.log.begin:.2f} s"
             )
-        self.tare(f"{self._range[0] - self.log.begin:g} to {self._range[1] - self.log.begin:g} s")
+        self.tare(_range(*(t - self.log.begin for t in self._range)))
 
     def _refuse(self, begin: float, end: float, reason: str) -> None:
         last = self._refused[-1] if self._refused else None

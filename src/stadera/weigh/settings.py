@@ -119,7 +119,7 @@ def tare_of(text: str) -> tuple[float, float] | str:
     """
     first, colon, last = text.partition(":")
     try:
-        begin, end = float(first), float(last)
+        begin, end = float(first), float(last if colon else "nan")
     except ValueError:
         return text
     if not (colon and np.isfinite([begin, end]).all() and begin < end):

@@ -25,6 +25,8 @@ from stadera.weigh.reading import CheckedLog, with_extra_joints
 from stadera.weigh.result import Weighing
 from stadera.weigh.settings import IN_MOTION, TestWeight, Watch, WeighSettings, check_choice, weight_std
 
+_OTHER_UNIT = 5.0  # ratio of masses, up or down, that no load explains
+
 AT_REST = "standing"
 """Name in `METHODS` of the library's method at rest."""
 
@@ -148,7 +150,11 @@ def _check_request(request: Request, log: CheckedLog, others: list[CheckedLog]) 
     if at is not None and place_of(robot, at).body >= len(robot.tree.joints) and log.first.others is None:
         raise RecordingError(f"{source.source}: --at {at}: the log lacks the joints that carry it")
     if request.weight is not None:
-        positive("a robot's weight on a scale", request.weight[0], "kg", IdentificationError)
+        positive("a robot's weight on a scale", mass := request.weight[0], "kg", IdentificationError)
+        if not 1.0 / _OTHER_UNIT < mass / robot.mass < _OTHER_UNIT:
+            raise IdentificationError(
+                f"a robot that weighs {mass:g} kg on a scale, and by its model {robot.mass:.4g} kg: kg are needed"
+            )
     if not isinstance(request.known, TestWeight | None):
         got = type(request.known).__name__
         raise IdentificationError(f"known takes a stadera.weigh.TestWeight(mass, com), got {got}")

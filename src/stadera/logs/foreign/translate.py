@@ -205,7 +205,7 @@ def guessed(names: Sequence[str], reading: ReadOptions) -> Translation:
 
     Joints of unknown order are called joint_0, joint_1 and so on.
     """
-    found = translated(names, "", reading, Topics())
+    found = translated(names, "", reading, Topics(), reading.others)
     if found.recognised:
         return found
     if (first := next(_all_fitting(names, reading), None)) is not None:

@@ -26,6 +26,7 @@ from stadera.report.identify.tables import (
     remarks,
     rmse_table,
     tables,
+    trunk_table,
 )
 from stadera.report.look import ROLES
 from stadera.report.numbers import compared, number
@@ -68,8 +69,8 @@ def next_steps(result: Identification, enough: float = 0.6) -> Iterator[str]:
         )
     if not is_alarming(result):
         yield (
-            f"Weigh with these legs: `stadera identify LOG --robot {robot} --json legs.json`, then "
-            f"`stadera weigh WALK --robot {robot} --legs legs.json`."
+            f"Weigh with these legs: `stadera identify LOG --robot {robot} --json legs.json`, then, for "
+            f"a walk that was not fitted here, `stadera weigh WALK --robot {robot} --legs legs.json`."
         )
         yield f"Write them into the model file: `stadera identify LOG --robot {robot} --export identified.urdf`."
 
@@ -91,6 +92,7 @@ def html(result: Identification) -> str:
         cards=_cards(overall_rmse(result, part)),
         at_a_glance=leg_table(result),
         drives=marked(drives, result.trust) if drives.groups else None,
+        trunk=None if result.trunk is None else marked(trunk_table(result), result.trust),
         where=f"motion not used for fitting: {result.validated_on}" if part == "validation" else "the TRAINING data",
         errors=rmse_table(result) if has_errors(result) else None,
         error_bars=rmse_figure(result.legs, part),
