@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import runpy
+import subprocess
 import sys
 import time
 import types
@@ -333,3 +334,12 @@ def test_a_drawn_robot_loses_torque_by_what_its_joints_carry() -> None:
     share = np.abs(lost[sliding]) / np.abs(carried[100:-100][sliding])
     assert (np.sign(lost[sliding]) == np.sign(rate[sliding])).mean() > 0.95
     assert 0.01 < np.median(share) < 0.15
+
+
+@pytest.mark.parametrize("name", INTERFACES)
+def test_a_script_says_what_it_is_without_the_robots_package(name: str, routine: Routine) -> None:
+    ran = subprocess.run([sys.executable, "-", "--help"], input=player(routine, name), capture_output=True, text=True)
+    assert ran.returncode == 1
+    assert ran.stderr.startswith("Weighing routine of ")
+    assert "is needed" in ran.stderr
+    assert "Traceback" not in ran.stderr

@@ -154,6 +154,8 @@ def test_bad_weights_are_named() -> None:
         weigh(HYQ, loaded(), weight=-3.0)
     with pytest.raises(IdentificationError, match=r"the legs of hyq alone have .* kg"):
         weigh(HYQ, loaded(), weight=2.0)
+    with pytest.raises(IdentificationError, match="kg are needed"):
+        weigh(HYQ, loaded(), weight=1000.0 * HYQ.mass)
     with pytest.raises(IdentificationError, match="a weight is used, by 'walking' or 'standing'"):
         weigh(HYQ, loaded(), method="contact", weight=HYQ.mass)
 
