@@ -94,6 +94,8 @@ def _contradictions(footing: Footing, mount: ImuMount | None) -> Iterator[Findin
     elif (fitting := explained(footing)) and (without := fitting[0][1]):
         fits = f"it would weigh {without.weighs:.3g} kg, the model {footing.robot.mass:.3g} kg, and nothing contradicts"
         yield _named([one for one, _ in fitting], f"as recorded, {faults}; otherwise {fits}", mount)
+    elif found := _plain_in_motion(few := _few(footing)):
+        yield _moved(few, found, mount)
     else:
         who = "encoders, torques and IMU" if imu else "encoders and torques"
         yield Finding("contradiction", f"{who} contradict each other: {faults}{now.outlier}")
@@ -178,7 +180,7 @@ def late_imu(footing: Footing) -> tuple[float, Gain] | None:
 
 
 def _in_motion(footing: Footing, mount: ImuMount | None) -> Iterator[Finding]:
-    few = replace(footing, blocks=footing.blocks.thinned(footing.limits.motion_instants, footing.limits))
+    few = _few(footing)
     found = explained_by_motion(few)
     if not found:
         yield from _gyro_at_rest(footing)
@@ -197,12 +199,30 @@ def _in_motion(footing: Footing, mount: ImuMount | None) -> Iterator[Finding]:
             f"({late[1].deviations:.1f} standard deviations)"
         )
         yield Finding("imu_late", text)
-    elif without.fits(few) and not (best.cause == "gyro_unit" and unturned):
-        text = (
-            f"as recorded, feet that carry slide at {100 * few.slides:.2g} cm/s and the trunk is out of balance; "
-            f"otherwise at {100 * without.slides:.2g} cm/s, and in balance ({gain.deviations:.1f} standard deviations)"
-        )
-        yield _named([one for one, _, _ in found], text, mount)
+    elif (gain.is_plain(few.limits) or without.fits(few)) and not (best.cause == "gyro_unit" and unturned):
+        yield _moved(few, found, mount)
+
+
+def _few(footing: Footing) -> Footing:
+    """Instants enough to tell hypotheses in motion."""
+    return replace(footing, blocks=footing.blocks.thinned(footing.limits.motion_instants, footing.limits))
+
+
+def _plain_in_motion(few: Footing) -> list[tuple[Hypothesis, Gain, Footing]]:
+    """As `explained_by_motion`, if it is plain."""
+    found = explained_by_motion(few)
+    return found if found and found[0][1].is_plain(few.limits) else []
+
+
+def _moved(few: Footing, found: Sequence[tuple[Hypothesis, Gain, Footing]], mount: ImuMount | None) -> Finding:
+    """The finding of hypotheses that explain the motion."""
+    _, gain, without = found[0]
+    text = (
+        f"as recorded, feet that carry slide at {100 * few.slides:.2g} cm/s and the trunk is out of balance; otherwise "
+        f"at {100 * without.slides:.2g} cm/s, and {'in' if without.fits(few) else 'nearer to'} balance "
+        f"({gain.deviations:.1f} standard deviations)"
+    )
+    return _named([one for one, _, _ in found], text, mount)
 
 
 def _gyro_at_rest(footing: Footing) -> Iterator[Finding]:

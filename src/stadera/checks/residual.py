@@ -252,6 +252,10 @@ class Gain:
         """True if it is at least this large, and certain."""
         return self.mean >= least and self.deviations >= limits.deviations
 
+    def is_plain(self, limits: CheckLimits) -> bool:
+        """True if it is so large and certain that much may remain unexplained."""
+        return self.mean >= limits.plain_gain and self.deviations >= limits.plain_deviations
+
 
 def _mean(cost: Array) -> float:
     """Over the instants that are used; zero if there are none."""

@@ -149,8 +149,9 @@ class CheckedLog:
         wrong = any(f.cause in (*FATAL, "contradiction", "not_on_feet") for f in findings)
         units = self.end == self.first.time[-1] and any(f.cause in _UNITS for f in findings)
         if wrong and not units and self._on_feet(chunk):
-            self._sound = True
-            return
+            self._sound, used = True, self._used(chunk.time)
+            on_feet = diagnose(take(chunk, used), self._robot, self.imu_frame) if np.count_nonzero(used) > 1 else ()
+            findings = [finding for finding in on_feet if finding.cause in FATAL]
         self._sound = self._sound or not wrong
         self._skip([finding for finding in findings if finding.spans], duration)
         for finding in findings:
