@@ -25,8 +25,6 @@ from stadera.weigh.reading import CheckedLog, with_extra_joints
 from stadera.weigh.result import Weighing
 from stadera.weigh.settings import IN_MOTION, TestWeight, Watch, WeighSettings, check_choice, weight_std
 
-_OTHER_UNIT = 5.0  # mass over that of the model that no load explains
-
 AT_REST = "standing"
 """Name in `METHODS` of the library's method at rest."""
 
@@ -151,7 +149,7 @@ def _check_request(request: Request, log: CheckedLog, others: list[CheckedLog]) 
         raise RecordingError(f"{source.source}: --at {at}: the log lacks the joints that carry it")
     if request.weight is not None:
         positive("a robot's weight on a scale", mass := request.weight[0], "kg", IdentificationError)
-        if mass > _OTHER_UNIT * robot.mass:
+        if mass > request.settings.overweight * robot.mass:
             raise IdentificationError(
                 f"a robot that weighs {mass:g} kg on a scale, and by its model {robot.mass:.4g} kg: kg are needed"
             )
