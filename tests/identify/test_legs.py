@@ -500,10 +500,9 @@ def test_a_joint_at_rest_has_no_friction_though_its_velocity_is_noisy() -> None:
     log, rng = exact_run(), np.random.default_rng(0)
     assert log.velocity is not None
     assert log.acceleration is not None
-    knee, moves = log.joints.index("rh_kfe_joint"), np.array([1.0, 1.0, 0.0])
+    moves = np.array([joint != "rh_kfe_joint" for joint in log.joints])
     position = np.where(moves, log.position, log.position[0] + 1e-4 * rng.standard_normal(log.position.shape))
     velocity = np.where(moves, log.velocity, 0.005 * rng.standard_normal(log.position.shape))
-    assert knee == 2
     part = replace(log, position=position, velocity=velocity, acceleration=moves * log.acceleration)
     result = identify(hyq(), [part], RH, force=True)
     found = result.legs[0].parameters

@@ -94,8 +94,8 @@ def _contradictions(footing: Footing, mount: ImuMount | None) -> Iterator[Findin
     elif (fitting := explained(footing)) and (without := fitting[0][1]):
         fits = f"it would weigh {without.weighs:.3g} kg, the model {footing.robot.mass:.3g} kg, and nothing contradicts"
         yield _named([one for one, _ in fitting], f"as recorded, {faults}; otherwise {fits}", mount)
-    elif found := _plain_in_motion(few := _few(footing)):
-        yield _moved(few, found, mount)
+    elif named := [*_moved(few := _few(footing), explained_by_motion(few), mount)]:
+        yield from named
     else:
         who = "encoders, torques and IMU" if imu else "encoders and torques"
         yield Finding("contradiction", f"{who} contradict each other: {faults}{now.outlier}")
@@ -189,9 +189,7 @@ def _in_motion(footing: Footing, mount: ImuMount | None) -> Iterator[Finding]:
         yield from order
         if order or not found:
             return
-    (best, gain, without), late = found[0], late_imu(few)
-    # a robot that moves turns; on soft ground its feet slide by any gyro
-    unturned = without.lively > few.limits.lively_share and without.turning < few.limits.turns_least
+    (_, gain, _without), late = found[0], late_imu(few)
     if late is not None and late[1].mean > gain.mean:
         text = (
             f"the IMU seems to be about {abs(1e3 * late[0]):.0f} ms {'late' if late[0] > 0.0 else 'early'} against "
@@ -199,8 +197,8 @@ def _in_motion(footing: Footing, mount: ImuMount | None) -> Iterator[Finding]:
             f"({late[1].deviations:.1f} standard deviations)"
         )
         yield Finding("imu_late", text)
-    elif (gain.is_plain(few.limits) or without.fits(few)) and not (best.cause == "gyro_unit" and unturned):
-        yield _moved(few, found, mount)
+    else:
+        yield from _moved(few, found, mount)
 
 
 def _few(footing: Footing) -> Footing:
@@ -208,21 +206,24 @@ def _few(footing: Footing) -> Footing:
     return replace(footing, blocks=footing.blocks.thinned(footing.limits.motion_instants, footing.limits))
 
 
-def _plain_in_motion(few: Footing) -> list[tuple[Hypothesis, Gain, Footing]]:
-    """As `explained_by_motion`, if it is plain."""
-    found = explained_by_motion(few)
-    return found if found and found[0][1].is_plain(few.limits) else []
-
-
-def _moved(few: Footing, found: Sequence[tuple[Hypothesis, Gain, Footing]], mount: ImuMount | None) -> Finding:
-    """The finding of hypotheses that explain the motion."""
-    _, gain, without = found[0]
+def _moved(
+    few: Footing, found: Sequence[tuple[Hypothesis, Gain, Footing]], mount: ImuMount | None
+) -> Iterator[Finding]:
+    """The finding of hypotheses that explain the motion, if the first leaves little of its cost or gains plainly."""
+    if not found:
+        return
+    (best, gain, without), limits = found[0], few.limits
+    # a robot that moves turns; on soft ground its feet slide by any gyro
+    unturned = without.lively > limits.lively_share and without.turning < limits.turns_least
+    fits = without.fits(few)
+    if not (fits or gain.is_plain(limits)) or (best.cause == "gyro_unit" and unturned):
+        return
     text = (
         f"as recorded, feet that carry slide at {100 * few.slides:.2g} cm/s and the trunk is out of balance; otherwise "
-        f"at {100 * without.slides:.2g} cm/s, and {'in' if without.fits(few) else 'nearer to'} balance "
+        f"at {100 * without.slides:.2g} cm/s, and {'in' if fits else 'nearer to'} balance "
         f"({gain.deviations:.1f} standard deviations)"
     )
-    return _named([one for one, _, _ in found], text, mount)
+    yield _named([one for one, _, _ in found], text, mount)
 
 
 def _gyro_at_rest(footing: Footing) -> Iterator[Finding]:

@@ -68,8 +68,6 @@ from stadera.types import Array
 
 _ERRORS = ("rotor", "viscous", "coulomb", "offset", "imu_rotation", "accelerometer", "gain", "torque_lag", "encoder")
 """Errors of `stadera.trunk.error_model`; in the order of C's columns."""
-_LOAD = (-4, -3, -2, -1)  # columns of a load, after all others
-_SCALES = QUIETEST * 10.0 ** np.arange(0.0, 4.0, 0.125)  # s², in rows of 1 % of the weight
 
 
 @dataclass(frozen=True, eq=False)
@@ -197,24 +195,12 @@ class Likelihood:
         """From the products of b and C, (1 + p, 1 + p), over `count` rows, of which `repeated` share an error."""
         value, vector = np.linalg.eigh(products[1:, 1:])
         value, along = np.maximum(value, 0.0), (vector.T @ products[1:, 0]) ** 2
-        k = repeated * _SCALES[:, None]
+        scales = QUIETEST * 10.0 ** np.arange(0.0, 4.0, 0.125)  # s², in rows of 1 % of the weight
+        k = repeated * scales[:, None]
         squares = (products[0, 0] - (along / (k + value)).sum(axis=1)) / k[:, 0]
-        costs = squares + count / repeated * np.log(_SCALES) + np.log1p(value / k).sum(axis=1)
+        costs = squares + count / repeated * np.log(scales) + np.log1p(value / k).sum(axis=1)
         best = int(np.argmin(costs))
         return cls(float(costs[best]), float(k[best, 0]), value, vector)
-
-
-def _gain_of_load(products: Array, count: int, repeated: float) -> float:
-    """Twice the gain in log likelihood by a load, the last four columns of `products`, all else as of `Likelihood.of`:
-    its size by what p leaves of b and of its columns, its determinant by that over what there was of these.
-    """
-    fit, k = Likelihood.of(products[:-4, :-4], count, repeated), repeated * _SCALES
-    own, along = products[np.ix_((0, *_LOAD), (0, *_LOAD))], fit.vector.T @ products[1:-4, (0, *_LOAD)]
-    left = own - (along.T / (k[:, None] + fit.value)[:, None]) @ along
-    squares = left[:, 0, 0] - (left[:, 0, 1:] * np.linalg.solve(left[:, 1:, 1:], left[:, 1:, :1])[..., 0]).sum(axis=1)
-    costs = squares / k + (count - 4) / repeated * np.log(_SCALES) + np.log1p(fit.value / k[:, None]).sum(axis=1)
-    costs += np.linalg.slogdet(left[:, 1:, 1:])[1] - np.linalg.slogdet(own[1:, 1:])[1]
-    return fit.cost - float(costs.min())
 
 
 def likelier(now: Footing, other: Footing) -> bool:
@@ -358,12 +344,13 @@ def _landed(rows: TrunkRows, recorded: Array, spans: Sequence[tuple[slice, int]]
     limits = rows.footing.limits
 
     def gain(span: slice, at: int) -> float:
-        part = slice(6 * span.start, 6 * span.stop)
-        A, load = rows.matrix[part], rows.matrix[part, :4].copy()
-        load[: 6 * at] = 0.0
-        products = _less(np.hstack([recorded[part], load]), _explained(A, limits))
-        products[_LOAD, _LOAD] += limits.loose**2
-        return _gain_of_load(products, len(A) - A.shape[1], limits.order_repeated)
+        part, after = slice(6 * span.start, 6 * span.stop), (np.arange(6 * (span.stop - span.start)) >= 6 * at)[:, None]
+        A, values = rows.matrix[part], recorded[part]
+        without, with_load = (
+            Likelihood.of(_less(values, _explained(matrix, limits)), len(A) - matrix.shape[1], limits.order_repeated)
+            for matrix in (A, np.hstack([A, A[:, :4] * after]))
+        )
+        return without.cost - with_load.cost
 
     span, at = max(spans, key=lambda each: gain(*each))
     around = round(limits.step_every / limits.instant)

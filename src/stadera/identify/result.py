@@ -338,7 +338,7 @@ def _unmeasured(leg: LegIdentification) -> str:
         if term not in VARYING_UNITS:  # which no format holds
             held.setdefault(owner, []).append(term)
     listed = "; ".join(f"{owner} {', '.join(terms)}" for owner, terms in held.items())
-    why = "Not measured, the model's as far as like joints and physical consistency with what was measured allow"
+    why = "Not measured, the model's, or after the same joint of other legs, as far as physical consistency allows"
     return listed and f"{why}: {listed}."
 
 

@@ -65,7 +65,7 @@ def identification_dict(result: Identification) -> dict[str, Any]:
         "torque_lag": result.torque_lag,
         "validated_on": result.validated_on,
         "notes": list(result.notes),
-        "warnings": [*result.warnings, *(f"{leg.leg.name}: {said}" for leg in result.legs for said in leg.warnings)],
+        "warnings": list(result.warnings),
         "units": UNITS | VARYING_UNITS | {"presliding": "rad"},
         "frames": {"links": "each link's own", "inertia_about": "frame origin"},
     }

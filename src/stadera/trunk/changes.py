@@ -29,6 +29,7 @@ from numpy.typing import NDArray
 
 from stadera.trunk.history import History
 from stadera.trunk.joint_errors import Errors
+from stadera.trunk.placed import Solved
 from stadera.trunk.segment import Segment
 from stadera.trunk.settings import ChangeSettings
 from stadera.types import Array, Bools
@@ -169,17 +170,18 @@ class ChangeDetector:
         wide = self._wide[:, None]
         scaled = wide * over[:, :, :10] * self._wide  # rounding hides parameters that no row shows
         inverse = wide * np.linalg.inv(scaled + np.eye(10)) * self._wide
-        rows = inverse @ over
+        rows, few = inverse @ over, slice(0, 4)
         size = np.array([row @ each.combination(errors.mean) for each, row in zip(before, rows, strict=True)])
         # of mass and first moments alone; how the estimate before moves is learnt from ratios here
-        known = [each.whole for each in before]
-        then = np.array([each.sensitivity[:4] for each in known])
-        moved = np.array([each.by_errors(row[:4]) for each, row in zip(before, rows, strict=True)])
-        alike = np.array([[errors.alike(each) if self._moved else 1.0] for each in before])
-        variance = errors.difference_variances(then, then + moved, alike)
-        variance += [(each.inverse[:4] ** 2).sum(axis=1) for each in known]
-        variance += noise * np.diagonal(inverse, axis1=1, axis2=2)[:, :4]
-        return LoadDifferences(before, size, np.sqrt(variance))
+        known = Solved.stack([each.whole for each in before], few)
+        moved = np.array([each.by_errors(row) for each, row in zip(before, rows[:, few], strict=True)])
+        sensitivity = known.sensitivity + moved
+        own = inverse[:, few, few]
+        root = np.sqrt(noise) * np.linalg.cholesky(0.5 * (own + own.mT))
+        since = Solved(root, np.concatenate([size[:, few, None], sensitivity], axis=2), known.before)
+        alike = np.array([errors.alike(each) if self._moved else 1.0 for each in before])
+        covariance = errors.difference_covariance(known, since, alike[:, None, None])
+        return LoadDifferences(before, size, np.sqrt(np.diagonal(covariance, axis1=1, axis2=2)))
 
     def _learn(self, which: Ints, ratios: Array) -> None:
         """Updates the mean squares of ratios, after `pending`: the latest may be those of a change."""

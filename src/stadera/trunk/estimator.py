@@ -196,10 +196,10 @@ class TrunkEstimator:
             IdentificationError: not a mass that the robot can have.
         """
         legs = self.robot.mass - self.robot.inertias[self.robot.trunk].mass
-        if not (legs < mass < inf and 0.0 <= std < mass):
+        if not (legs < mass < self.settings.overweight * self.robot.mass and 0.0 <= std < mass):
             raise IdentificationError(
-                f"a weight of {mass:g} ± {std:g} kg: the legs of {self.robot.name} alone have {legs:.3g} kg, and a "
-                "standard deviation is below the mass"
+                f"a weight of {mass:g} ± {std:g} kg: the legs of {self.robot.name} alone have {legs:.3g} kg, the model "
+                f"has {self.robot.mass:.4g} kg, and a standard deviation is below the mass; kg are needed"
             )
         self._know(on_scale(self.robot, mass, std, self._history.tare))
 

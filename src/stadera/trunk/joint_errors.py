@@ -28,7 +28,6 @@ where they are 1 % off without. What all gains have in common is `common_gain`, 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -215,37 +214,27 @@ class Errors:
         """Correlation of the friction of joints at rest under these loads and under another [1]."""
         return self._alike if all(load.steps for load in loads) else 0.0
 
-    def difference_covariance(self, first: Segment | Solved, second: Segment | Solved, alike: float = 0.0) -> Array:
-        """Covariance of the second segment's trunk parameters minus the first's, (10, 10).
+    def difference_covariance(
+        self, first: Segment | Solved, second: Segment | Solved, alike: float | Array = 0.0
+    ) -> Array:
+        """Covariance of the second segment's trunk parameters minus the first's, (10, 10); of several of each at once,
+        `Solved.stack`, (..., n, n).
 
         Errors that act on both alike cancel. Static friction of joints at rest may change with the load, and may even
         hide the load.
 
         Args:
-            alike: correlation of static friction in both [1].
+            alike: correlation of static friction in both, one number or (..., 1, 1) [1].
         """
-        total = self.of_rows(first) + self.of_rows(second)
-        for share, K, covariance in self._moves(first.sensitivity, second.sensitivity, alike):
-            total += share * K @ covariance @ K.T
-        return np.asarray(0.5 * (total + total.T))
-
-    def difference_variances(self, first: Array, second: Array, alike: Array) -> Array:
-        """Variances (W, n) by model errors alone of W such differences of n parameters: of their sensitivities (W, n,
-        errors), and `alike` (W, 1).
-        """
-        drifted = np.stack([first, second])[..., self._offsets] * self._drift
-        total = (drifted**2).sum(axis=(0, 3))
-        for share, K, covariance in self._moves(first, second, alike):
-            flat = K.reshape(-1, K.shape[-1])
-            total += share * ((flat @ covariance) * flat).sum(axis=1).reshape(K.shape[:-1])
-        return np.asarray(total)
-
-    def _moves(self, first: Array, second: Array, alike: float | Array) -> Iterator[tuple[float | Array, Array, Array]]:
-        """What moves a difference of parameters: shares, sensitivities (..., errors), and covariances of the errors."""
-        at, difference = self.layout.changing_at, second - first
-        yield 1.0, difference, self.lasting
-        parts = (difference, alike), (first, 1.0 - alike), (second, 1.0 - alike)
-        yield from ((share, K[..., at], self.of_changing) for K, share in parts)
+        own = self.of_rows(first) + self.of_rows(second)
+        difference = second.sensitivity - first.sensitivity
+        at_once = difference.reshape(-1, difference.shape[-1]) @ self.lasting
+        total = own + at_once.reshape(difference.shape) @ difference.mT
+        parts = (difference, alike), (first.sensitivity, 1.0 - alike), (second.sensitivity, 1.0 - alike)
+        for K, share in parts:
+            changing = K[..., self.layout.changing_at]
+            total += share * changing @ self.of_changing @ changing.mT
+        return np.asarray(0.5 * (total + total.mT))
 
     def of_rows(self, segment: Segment | Solved, scatter: float = 0.0) -> Array:
         """Covariance (10, 10) of a segment's own errors: what parts of the log show (`stadera.trunk.batches`), and
@@ -256,15 +245,15 @@ class Errors:
                 it is `scatter`. In the difference of two loads on the trunk it cancels: steps are as wrong after a
                 change as before it.
         """
-        drifted = segment.sensitivity[:, self._offsets] * self._drift
-        own = segment.inverse @ segment.inverse.T
+        drifted = segment.sensitivity[..., self._offsets] * self._drift
+        own = segment.inverse @ segment.inverse.mT
         if isinstance(segment, Segment) and segment.held is None and len(segment.batches.weights):
             pulls, count = segment.batches.pulls(own, segment.combination(self.mean))
             of_parts = (_PRIOR * self.scatter * own + count * pulls @ pulls.T) / (_PRIOR + count - 1.0)
             own = scatter * own + of_parts
         else:
             own = max(scatter, 1.0) * own
-        return np.asarray(own + drifted @ drifted.T)
+        return np.asarray(own + drifted @ drifted.mT)
 
     def energies(self, products: Array) -> tuple[float, float]:
         """How the expected energy of the residual splits: that of the sampling error e, and of all others tr D Σ'. With

@@ -19,7 +19,6 @@ from math import exp, inf, sqrt
 from typing import NamedTuple
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 from scipy.special import gammaincinv
 
 from stadera.constants import GRAVITY
@@ -129,15 +128,12 @@ class Lately:
         """Variance (B, J) of the velocities' noise, at least that of the latest blocks by their mean squares (B, J): it
         is known slowly, and noise that is louder than expected would pass for motion for a second or two.
         """
-        if not self._squares.size:
-            self._squares = np.full((_BLOCKS - 1, squares.shape[1]), inf)
-        known = np.concatenate([self._squares, squares / [[lower_quartile(size - 1)] for size in sizes]])
-        lately = np.sort(sliding_window_view(known, _BLOCKS, axis=0), axis=2)  # (B, J, blocks), those there are first
-        last = np.isfinite(lately).sum(axis=2, keepdims=True) - 1
-        below = np.maximum(last, 0) // 4
-        low, high = (np.take_along_axis(lately, at, axis=2)[..., 0] for at in (below, np.minimum(below + 1, last)))
-        self._squares = known[len(sizes) :]
-        return np.asarray(np.maximum(variance, low + (0.25 * last[..., 0] - below[..., 0]) * (high - low)))
+        usual, B = np.array([[lower_quartile(size - 1)] for size in sizes]), len(sizes)
+        known = np.concatenate([self._squares, squares / usual]) if self._squares.size else squares / usual
+        ends = range(len(known) - B + 1, len(known) + 1)
+        lately = [np.quantile(known[max(end - _BLOCKS, 0) : end], 0.25, axis=0) for end in ends]
+        self._squares = known[-(_BLOCKS - 1) :]
+        return np.maximum(variance, lately)
 
     def still(self, velocity: Array, least: Array, follows: Bools) -> Bools:
         """Joints (B, J + l) that have not moved lately beyond their noise: a joint that sticks, not one that turns

@@ -69,7 +69,13 @@ class Solved:
     @property
     def sensitivity(self) -> Array:
         """K (n, errors)."""
-        return self.solution[:, 1:]
+        return self.solution[..., 1:]
+
+    @classmethod
+    def stack(cls, known: Sequence[Solved | Segment], few: slice) -> Solved:
+        """A few of the unknowns of W ones at once, (W, ...); no error changes."""
+        inverse, solution = (np.array([getattr(each, name)[few] for each in known]) for name in ("inverse", "solution"))
+        return cls(inverse, solution, np.empty((10, 0)))
 
     def mean(self, errors: Array) -> Array:
         """The unknowns (n,), given errors p̂ (errors,)."""

@@ -334,6 +334,7 @@ class TrunkSettings:
         doubtful, bad: misfit above which a result is doubtful, or bad, see `stadera.trust.Trust` [1].
         turned: standard deviations of its mount about one axis beyond which a turn of the IMU makes a result doubtful.
             Of 36 simulated logs with drawn errors one has 2.5 and the others less, walks of a real Mini Cheetah 0.7.
+        overweight: weight on a scale over that of the model, which no load explains, but grams do [1].
         apart: standard deviations between a scale and the log, beyond which they contradict each other.
         compared: time between two comparisons of the places where a load may be [s]; a change of the load compares
             them at once.
@@ -363,6 +364,7 @@ class TrunkSettings:
     doubtful: float = 3.0
     bad: float = 9.0
     turned: float = 3.5
+    overweight: float = 5.0
     apart: float = 4.0
     compared: float = 1.0
     placed: float = 0.95

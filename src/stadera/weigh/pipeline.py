@@ -76,11 +76,11 @@ def weighed(request: Request, log: CheckedLog) -> Weighing:
         why = f"lies outside the log, which is {log.end - log.begin:.3g} s long"
         if (event := log.event) is not None and event.begin < request.tare[1] <= log.end:
             why = f"is not used after {event.begin - log.begin:.2f} s: {event.reason}"
-        raise IdentificationError(f"{log.source.source}: the tare's time, {_range(begin, end)}, {why}")
+        raise IdentificationError(f"{log.source.source}: the tare's time, {_since_zero(begin, end)}, {why}")
     return reading.result()
 
 
-def _range(begin: float, end: float) -> str:
+def _since_zero(begin: float, end: float) -> str:
     """A range of time since the log's beginning [s], which a first stamp just after zero does not make negative."""
     return f"{round(begin, 2) + 0.0:g} to {round(end, 2):g} s"
 
@@ -362,7 +362,7 @@ class _LogPass:
                 f"{self.log.source.source}: the load changes within the tare's time, at "
                 f"{changes[-1].time - self.log.begin:.2f} s"
             )
-        self.tare(_range(*(t - self.log.begin for t in self._range)))
+        self.tare(_since_zero(*(t - self.log.begin for t in self._range)))
 
     def _refuse(self, begin: float, end: float, reason: str) -> None:
         last = self._refused[-1] if self._refused else None

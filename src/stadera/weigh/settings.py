@@ -44,7 +44,6 @@ class WeighSettings:
         windows: criteria for signals that contradict each other in part of a log, see `WindowLimits`.
         model: when a difference of the trunk from its model is doubtful, see `AgreementLimits`.
         window: length of the windows in which encoders, torques and IMU are compared in such a log [s].
-        overweight: mass on a scale over that of the model that no load explains, but grams do [1].
     """
 
     least_rate: float = 50.0
@@ -58,7 +57,6 @@ class WeighSettings:
     windows: WindowLimits = field(default_factory=WindowLimits)
     model: AgreementLimits = field(default_factory=AgreementLimits)
     window: float = 0.5
-    overweight: float = 5.0
 
     def __post_init__(self) -> None:
         numbers = [f.name for f in fields(self) if f.name not in ("trunk", "windows", "model")]
