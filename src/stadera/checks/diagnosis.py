@@ -26,7 +26,7 @@ from stadera.checks.other_robot import or_other_robot
 from stadera.checks.residual import Footing, Gain
 from stadera.checks.signals import DEGREE, limit_findings, sensor_findings, unit_findings
 from stadera.checks.statics import Consistency, hanging, limp
-from stadera.checks.torques import likelier, pushing_at_rest, swapped_in_motion, torque_step
+from stadera.checks.torques import likelier, misread_in_motion, pushing_at_rest, torque_step
 from stadera.errors import RecordingError, UntrustedError, listed
 from stadera.logs.mend import GYRO, Mend, changed
 from stadera.logs.reader import stream
@@ -184,7 +184,7 @@ def _in_motion(footing: Footing, mount: ImuMount | None) -> Iterator[Finding]:
     found = explained_by_motion(few)
     if not found:
         yield from _gyro_at_rest(footing)
-    if not found or found[0][0].torques_alone:
+    if not found or found[0][0].by_torques:
         order = tuple(_of_torques(footing, mount))
         yield from order
         if order or not found:
@@ -242,16 +242,17 @@ def _gyro_at_rest(footing: Footing) -> Iterator[Finding]:
 
 
 def _of_torques(footing: Footing, mount: ImuMount | None) -> Iterator[Finding]:
-    """Torques of legs that are swapped with those of others, certain in motion and a doubt at rest, and a torque that
-    jumps.
+    """Torques of legs that are swapped with those of others, or of a joint with the other sign, certain in motion; a
+    doubt at rest; and a torque that jumps.
     """
-    swapped, step = swapped_in_motion(footing), torque_step(footing)
-    if swapped is not None and (step is None or swapped[1] > step[1]):
-        odds = f"(likelihood higher by e^{0.5 * swapped[1]:.0f}, allowing for friction and other errors of models)"
-        text = f"with them in the right order the trunk balances as it moves {odds}"
-        pushed = "" if swapped[0].known else "; or something pushes or pulls the robot, which looks alike"
-        named = _named([swapped[0]], f"{text}{pushed}", mount)
-        yield named if swapped[0].known else replace(named, cause="torque_order")
+    misread, step = misread_in_motion(footing), torque_step(footing)
+    if misread is not None and (step is None or misread[1] > step[1]):
+        hypotheses, gain = misread
+        odds = f"(likelihood higher by e^{0.5 * gain:.0f}, allowing for friction and other errors of models)"
+        known, text = hypotheses[0].known, f"without that the trunk balances as it moves {odds}"
+        pushed = "" if known else "; or something pushes or pulls the robot, which looks alike"
+        named = _named(hypotheses, f"{text}{pushed}", mount)
+        yield named if known else replace(named, cause="torque_order")
     elif step is not None:
         yield step[0]
     elif footing.lively <= footing.limits.lively_share:

@@ -33,9 +33,10 @@ class Hypothesis:
     known: bool = True  # False if the correction is estimated, and needs more information to be applied
 
     @property
-    def torques_alone(self) -> bool:
-        """True if only torques are those of other joints."""
-        return bool(self.undo.swapped) and {channel for channel, _ in self.undo.swapped} == set(_TORQUES)
+    def by_torques(self) -> bool:
+        """True if the trunk's rows tell it from another order or sign of torques."""
+        torques = bool(self.undo.swapped) and {channel for channel, _ in self.undo.swapped} == set(_TORQUES)
+        return torques or self.cause == "joint_signs"
 
 
 def hypotheses_at_rest(robot: Robot, most: int, *, imu: bool = True) -> Iterator[Hypothesis]:
@@ -69,6 +70,7 @@ def hypotheses_in_motion(robot: Robot, most: int) -> Iterator[Hypothesis]:
         if order in mirrored or sum(a != b for a, b in enumerate(order)) == 2:
             yield from parts
     yield from _joint_signs(robot)
+    yield from (whole for _, whole in joint_signs(robot))
     for quarters in (1, 2, 3):
         c, s = round(np.cos(quarters * np.pi / 2)), round(np.sin(quarters * np.pi / 2))
         turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
@@ -79,11 +81,19 @@ def hypotheses_in_motion(robot: Robot, most: int) -> Iterator[Hypothesis]:
     yield _gyro(DEGREE, "the gyro seems to be in deg/s", "--units gyro=deg/s")
 
 
-def torque_orders(robot: Robot, most: int) -> Iterator[tuple[Order, Hypothesis]]:
-    """Yields every other order of the legs' torques, and the hypothesis that they are recorded in it."""
+def torque_orders(robot: Robot, most: int) -> Iterator[Hypothesis]:
+    """Yields hypotheses of torques that are recorded in another order of the legs, all orders."""
     for order, what in leg_orders(robot, most).items():
-        taken = [robot.legs[k].joints for k in order]
-        yield from ((order, found) for found in _reordered(robot, what, taken, ("the torques of ",)))
+        yield from _reordered(robot, what, [robot.legs[k].joints for k in order], ("the torques of ",))
+
+
+def joint_signs(robot: Robot) -> Iterator[tuple[Hypothesis, Hypothesis]]:
+    """Yields hypotheses of one leg joint's torque with the other sign, and of all of that joint's values."""
+    for joint in (joint for leg in robot.legs for joint in leg.joints):
+        yield (
+            _flipped(f"the sign of the torque of {joint!r} is reversed", [joint]),
+            _flipped(f"the signs of all values of {joint!r} are reversed", [joint], "joint_signs", CHANNELS),
+        )
 
 
 def torque_scales(robot: Robot, loads: Array, lightest: float, heaviest: float) -> Iterator[Hypothesis]:
@@ -156,23 +166,25 @@ def _scaled(joints: Sequence[str], factor: float, whose: str) -> Hypothesis:
     return Hypothesis("torque_unit", text, undo, option, known=bool(unit))
 
 
-def _torque_signs(robot: Robot) -> Iterator[Hypothesis]:
-    def flipped(text: str, joints: Sequence[str]) -> Hypothesis:
-        undo = _factored(joints, _TORQUES, -1.0, f"{text}, and turned back")
-        return Hypothesis("torque_signs", text, undo, _BY_SIGN)
+def _flipped(
+    text: str, joints: Sequence[str], cause: str = "torque_signs", channels: Sequence[str] = _TORQUES
+) -> Hypothesis:
+    return Hypothesis(cause, text, _factored(joints, channels, -1.0, f"{text}, and turned back"), _BY_SIGN)
 
-    yield flipped("the signs of all torques are reversed", robot.tree.joints)
+
+def _torque_signs(robot: Robot) -> Iterator[Hypothesis]:
+    yield _flipped("the signs of all torques are reversed", robot.tree.joints)
     for count in range(1, len(robot.legs)):
         for legs in combinations(robot.legs, count):
             names = " and ".join(leg.name for leg in legs)
             joints = [joint for leg in legs for joint in leg.joints]
-            yield flipped(f"the signs of the torques of {names} are reversed", joints)
+            yield _flipped(f"the signs of the torques of {names} are reversed", joints)
     for count in (1, 2):
         for kinds in combinations(range(len(robot.kinds)), count):
             names = " and ".join(robot.kinds[k] for k in kinds)
-            yield flipped(f"the signs of all {names} torques are reversed", _of_kinds(robot.legs, kinds))
+            yield _flipped(f"the signs of all {names} torques are reversed", _of_kinds(robot.legs, kinds))
     for joint in robot.tree.joints:
-        yield flipped(f"the sign of the torque of {joint!r} is reversed", [joint])
+        yield _flipped(f"the sign of the torque of {joint!r} is reversed", [joint])
 
 
 def _of_kinds(legs: Sequence[Leg], kinds: Sequence[int]) -> list[str]:

@@ -5,9 +5,10 @@ trunk (`stadera.body`), at instants of 40 ms, are
 
     A θ + C p = b + noise,        b = Σ_l E_l (h_l - τ_π(l)) - Σ_l w_l
 
-for torques in the order π, with θ the trunk's ten parameters, unknown in every second, and p the errors that robots
-have: friction, rotor inertia, offsets, gains, lag, encoder zeros and the IMU, with their usual sizes Σ. After θ is
-eliminated, N equations with residual r remain, and with the noise's variance s² chosen best
+for torques in the order π, or with the sign of one joint reversed, θ the trunk's ten parameters, unknown in every
+second, and p the errors that robots have: friction, rotor inertia, offsets, gains, lag, encoder zeros and the IMU, with
+their usual sizes Σ. After θ is eliminated, N equations with residual r remain, and with the noise's variance s² chosen
+best
 
     -2 log L(π) = min_s [ rᵀ (s² k 1 + C Σ Cᵀ)⁻¹ r + N/k log s² + log |1 + Σ Cᵀ C / s² k| ],
 
@@ -53,12 +54,12 @@ from numpy.typing import NDArray
 from stadera.body import Motion, State, discounted
 from stadera.body.friction import direction
 from stadera.checks.finding import Finding
-from stadera.checks.hypotheses import Hypothesis, Order, mirrors, torque_orders
+from stadera.checks.hypotheses import Hypothesis, joint_signs, mirrors, torque_orders
 from stadera.checks.limits import CheckLimits
-from stadera.checks.residual import Footing
+from stadera.checks.residual import Footing, Gain
 from stadera.checks.statics import Consistency
 from stadera.inertia import skews
-from stadera.logs.mend import Mend
+from stadera.logs.mend import AS_RECORDED, Mend
 from stadera.trunk.block_rows import unit_of_rows
 from stadera.trunk.error_model import QUIETEST, ErrorModel
 from stadera.trunk.history import wide_prior
@@ -68,6 +69,9 @@ from stadera.types import Array
 
 _ERRORS = ("rotor", "viscous", "coulomb", "offset", "imu_rotation", "accelerometer", "gain", "torque_lag", "encoder")
 """Errors of `stadera.trunk.error_model`; in the order of C's columns."""
+
+Second = tuple[NDArray[np.int64], Array]
+"""Rows of a second, and an orthonormal basis of what is another one in every second."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,11 +127,15 @@ class TrunkRows:
             np.sqrt(2.0 * (1.0 - model.renewed)) * model.held * model.resting / model.limit,
         )
 
-    def columns(self, order: Order) -> Array:
-        """(6 n, 1 + p): b and C, of torques in an order."""
-        body, blocks, motion, J = self.footing.body, self.footing.blocks, self.motion, self.footing.body.in_legs
-        taken = np.concatenate([body.legs[leg] for leg in order])
-        torque, rate, q_rate = blocks.effort[:, taken], blocks.slopes(blocks.effort)[:, taken], motion.velocity[:, J]
+    def columns(self, undo: Mend = AS_RECORDED) -> Array:
+        """(6 n, 1 + p): b and C, after a correction of the torques."""
+        body, blocks, motion, J = (
+            self.footing.body,
+            self.footing.blocks.after(undo),
+            self.motion,
+            self.footing.body.in_legs,
+        )
+        torque, rate, q_rate = blocks.effort[:, J], blocks.slopes(blocks.effort)[:, J], motion.velocity[:, J]
         E = np.moveaxis(self.state.to_wrench[:, J], 1, 2)
         effort = np.zeros_like(blocks.effort)
         effort[:, J] = torque
@@ -147,7 +155,7 @@ class TrunkRows:
         steps = -np.moveaxis(self.state.to_wrench[:, self.footing.body.in_legs], 1, 2) * self.limit / self.scale
         return np.asarray(discounted(steps, self.hidden).reshape(-1, len(self.limit)))
 
-    def seconds(self, *, pushed: bool = False) -> list[tuple[NDArray[np.int64], Array]]:
+    def seconds(self, *, pushed: bool = False) -> list[Second]:
         """Rows of each second, and what θ, and with `pushed` a force and moment from outside, explains of them."""
         group, outside = np.repeat(self.footing.blocks.group, 6), 10.0 * np.tile(np.eye(6), (len(self.matrix) // 6, 1))
         matrix = np.hstack([self.matrix, outside]) if pushed else self.matrix
@@ -159,11 +167,13 @@ class TrunkRows:
         sized = self.root.T @ products.sum(axis=0) @ self.root
         return Likelihood.of(sized, int(counts.sum()), self.footing.limits.order_repeated)
 
-    def by_second(self, order: Order, seconds: list[tuple[NDArray[np.int64], Array]]) -> tuple[Array, Array]:
+    def by_second(
+        self, seconds: list[tuple[NDArray[np.int64], Array]], undo: Mend = AS_RECORDED
+    ) -> tuple[Array, Array]:
         """Products of b and C (seconds, 1 + p, 1 + p) after what is another one in every second is eliminated, and
         numbers of rows less what that has.
         """
-        columns = self.columns(order)
+        columns = self.columns(undo)
         counts = [max(len(at) - basis.shape[1], 0) for at, basis in seconds]
         return np.array([_less(columns[at], basis) for at, basis in seconds]), np.array(counts, dtype=float)
 
@@ -207,47 +217,62 @@ def likelier(now: Footing, other: Footing) -> bool:
     """True if a log of the same instants balances the trunk better than another one, by more than friction and other
     errors of models explain; not without an IMU.
     """
-    own, costs = tuple(range(len(now.robot.legs))), []
+    costs = []
     for rows in (TrunkRows.of(now), TrunkRows.of(other)):
         if rows is None:
             return False
-        costs.append(rows.fitted(*rows.by_second(own, rows.seconds())).cost)
+        costs.append(rows.fitted(*rows.by_second(rows.seconds())).cost)
     return bool(costs[0] - costs[1] > now.limits.order_gain)
 
 
-def swapped_in_motion(footing: Footing) -> tuple[Hypothesis, float] | None:
-    """The order of torques that explains the motion better, known if it does so even where something may push or pull
-    the robot, and twice its gain in log likelihood; None if the recorded one is not worse than by chance, or the robot
-    is at rest, or there is no IMU.
+def misread_in_motion(footing: Footing) -> tuple[list[Hypothesis], float] | None:
+    """The order of the legs' torques, or the joint of another sign (one hypothesis, or two that explain it alike), that
+    explains the motion better, known if it does so even where something may push or pull the robot, and twice its gain
+    in log likelihood; None if the log as recorded is not worse than by chance, or the robot is at rest, or there is no
+    IMU.
     """
-    limits, own = footing.limits, tuple(range(len(footing.robot.legs)))
+    limits = footing.limits
     rows = TrunkRows.of(replace(footing, blocks=footing.blocks.thinned(limits.motion_instants, limits)))
     if rows is None or len(footing.blocks) < limits.order_fewest or footing.lively <= limits.lively_share:
         return None
 
-    hypotheses, alone = dict(torque_orders(footing.robot, limits.orders)), rows.seconds()
-    seconds = {order: rows.by_second(order, alone) for order in (own, *hypotheses)}
-    fits = {order: rows.fitted(*each) for order, each in seconds.items()}
-    ranked = sorted(fits, key=lambda order: fits[order].cost)
-    if fits[own].cost - fits[ranked[0]].cost <= limits.order_gain:
+    # friction of joints that rest turns with no motion, and takes any sign
+    signs = dict(joint_signs(footing.robot)) if footing.lively > limits.step_lively else {}
+    recorded, alone = Hypothesis("", "as recorded", AS_RECORDED), rows.seconds()
+    hypotheses = (recorded, *torque_orders(footing.robot, limits.orders), *signs)
+    seconds = {one: rows.by_second(alone, one.undo) for one in hypotheses}
+    fits = {one: rows.fitted(*each) for one, each in seconds.items()}
+    ranked = sorted(fits, key=lambda one: fits[one].cost)
+    if fits[recorded].cost - fits[ranked[0]].cost <= limits.order_gain:
         return None
 
-    def possible(order: Order) -> bool:
-        return order == own or not Consistency.of(rows.footing.after(hypotheses[order].undo)).faults
+    def possible(one: Hypothesis) -> bool:
+        return one is recorded or not Consistency.of(rows.footing.after(one.undo)).faults
 
-    best, rival, *_ = *islice(filter(possible, ranked), 2), own
+    best, rival, *_ = *islice(filter(possible, ranked), 2), recorded
     fit = fits[best]
     error = 0.01 * np.sqrt(fit.variance / limits.order_repeated)
-    if best == own or fits[rival].cost - fit.cost <= limits.order_gain or error > limits.order_fits:
+    if best is recorded or fits[rival].cost - fit.cost <= limits.order_gain or error > limits.order_fits:
         return None
     for k in range(len(alone)):
-        now, other = (rows.fitted(*(np.delete(part, k, axis=0) for part in seconds[order])) for order in (own, best))
+        now, other = (rows.fitted(*(np.delete(part, k, axis=0) for part in seconds[one])) for one in (recorded, best))
         if now.cost - other.cost <= 0.5 * limits.order_gain:
             return None
     pushed = rows.seconds(pushed=True)
-    now, other = (rows.fitted(*rows.by_second(order, pushed)) for order in (own, best))
+    now, other = (rows.fitted(*rows.by_second(pushed, one.undo)) for one in (recorded, best))
     known = now.cost - other.cost > limits.order_certain
-    return replace(hypotheses[best], known=known), fits[own].cost - fit.cost
+    named = _whose_sign(rows.footing, best, signs[best]) if best in signs else [best]
+    return [replace(one, known=known) for one in named], fits[recorded].cost - fit.cost
+
+
+def _whose_sign(footing: Footing, torque: Hypothesis, whole: Hypothesis) -> list[Hypothesis]:
+    """Whether a joint's torque alone has the other sign or all of its values, or both where nothing tells."""
+    logs = (footing.after(torque.undo), footing.after(whole.undo))
+
+    def nearer(now: Footing, other: Footing) -> bool:
+        return likelier(now, other) or Gain.of(now, other).confirms(footing.limits.gain, footing.limits)
+
+    return [whole] if nearer(*logs) else [torque] if nearer(*logs[::-1]) else [torque, whole]
 
 
 def pushing_at_rest(footing: Footing) -> Iterator[str]:
@@ -285,7 +310,7 @@ def torque_step(footing: Footing) -> tuple[Finding, float] | None:
     spans = [] if rows is None else list(_spans(footing))
     if rows is None or not spans:
         return None
-    recorded = rows.columns(tuple(range(len(footing.robot.legs)))) @ rows.root
+    recorded = rows.columns() @ rows.root
     landed, least = _landed(rows, recorded, spans), limits.step_gain + 2.0 * np.log(len(spans))
     found = {k: _tested(rows, recorded, landed, *spans[k]) for k in range(0, len(spans), 2)}
     if max(float(squares.max()) for squares, _ in found.values()) < least:

@@ -115,6 +115,10 @@ Change = Mend | Gear
 """Change applied to recordings while a log is read."""
 
 
+AS_RECORDED = Mend("")
+"""Changes nothing."""
+
+
 def changed(
     recording: Recording, changes: Sequence[Change], joints: Sequence[str] | None = None, *, first: bool = True
 ) -> Recording:
