@@ -110,3 +110,21 @@ def test_a_dead_leg_is_refused_and_a_load_above_a_foot_said_to_look_alike(robot:
     effort[:, [log.index(joint) for joint in robot.leg("RF").joints]] *= 0.05
     with pytest.raises(UntrustedError, match="it is the torques"):
         weigh(robot, replace(log, effort=effort))
+
+
+def test_torques_that_are_all_too_large_are_said_of_the_robot_at_the_tare(robot: Robot) -> None:
+    """By 35 %, which the fit cannot see: all that it weighs more is over the model's mass, or on the robot."""
+    load = Load(1.5, "kg", (0.0, 0.0, 0.1))
+    log = simulate(
+        robot, "shake", SimulateSettings("standard", load, duration=5.0, rate=250.0, seed=4, load_time=2.5)
+    ).recording
+    assert log.effort is not None
+
+    def notes(factor: float, weight: float | None = None) -> list[str]:
+        found = weigh(robot, replace(log, effort=factor * log.effort), (0.0, 2.4), weight=weight)
+        return [note for note in found.notes if "something is on it that the model lacks" in note]
+
+    assert not notes(1.0)
+    (note,) = notes(1.35)
+    assert "all torques are up to 1.3" in note
+    assert not notes(1.35, 1.35 * robot.mass)
