@@ -33,7 +33,8 @@ def arrays(**changed: Any) -> Recording:
         ({"time": [[0, 1, 2]]}, r"time needs shape \(samples,\), got \(1, 3\)"),
         ({"time": [0, 2, 1]}, "'time' runs back at sample 2"),
         ({"time": np.array([0, 1, 2], dtype="M8[s]")}, "time holds datetime64"),
-        ({"position": [[0, 0], [0, np.nan], [0, 0]]}, "'b.position' is nan at sample 1"),
+        ({"position": [[0, 0], [0, np.inf], [0, 0]]}, "'b.position' is inf at sample 1"),
+        ({"velocity": np.full((3, 2), np.nan)}, "velocity is NaN: no sample is complete"),
         ({"joints": "ab"}, "joints needs a list of names"),
         ({"joints": ("a", "a")}, "joint 'a' is named 2 times"),
         ({"imu": Imu(np.zeros((3, 3)), np.zeros((3, 4)))}, r"imu.linear_acceleration needs shape \(3, 3\)"),
@@ -43,6 +44,22 @@ def arrays(**changed: Any) -> Recording:
 def test_wrong_arrays_are_named_with_the_shape_they_need(changed: dict[str, Any], message: str) -> None:
     with pytest.raises(RecordingError, match=message):
         arrays(**changed)
+
+
+def test_samples_with_nan_are_dropouts() -> None:
+    """As blank cells of a table are."""
+    turned = np.zeros((5, 3))
+    turned[3, 1] = np.nan
+    made = Recording.from_arrays(
+        np.arange(5.0),
+        [[0, 1], [np.nan, 2], [0, 3], [0, 4], [0, 5]],
+        joints=("a", "b"),
+        imu=Imu(turned, np.ones((5, 3))),
+    )
+    assert made.time.tolist() == [0.0, 2.0, 4.0]
+    assert made.position[:, 1].tolist() == [1.0, 3.0, 5.0]
+    (note,) = made.notes
+    assert note == "dropped 2 of 5 samples with blank cells, in 2 dropouts, the first at sample 1, column 'position'"
 
 
 def test_arrays_are_taken_as_they_are_and_lists_as_numbers() -> None:

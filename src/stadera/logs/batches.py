@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from stadera.errors import RecordingError
 from stadera.limits import Budget
 from stadera.logs.columns import TIME, Layout
-from stadera.logs.recording import Imu, OtherJoints, Recording, check_values, with_velocity
+from stadera.logs.recording import Imu, OtherJoints, Recording, check_values, dropout_note, with_velocity
 from stadera.logs.topics import DESIRED, PD_DOUBT, PdGains
 from stadera.logs.units import FACTORS, unix_unit
 from stadera.types import Array, Bools
@@ -184,14 +184,7 @@ def _without_dropouts(
     valid: Bools = np.logical_not(blank.any(axis=0))
     if valid.all():
         return batch, samples, ()
-    holes = int(np.count_nonzero(np.diff(valid.astype(np.int8), prepend=1) == -1))
-    at = int(np.argmin(valid))
-    name = columns[int(np.argmax(blank[:, at]))]
-    note = (
-        f"dropped {np.count_nonzero(~valid)} of {len(valid)} samples with blank cells, in {holes} "
-        f"dropout{'s' * (holes > 1)}, the first at sample {samples[at]}, column {name!r}"
-    )
-    return batch[:, valid], samples[valid], (note,)
+    return batch[:, valid], samples[valid], (dropout_note(blank, columns, samples),)
 
 
 def table_recordings(batches: Iterable[Array], layout: Layout, source: str, rows: int | None) -> Iterator[Recording]:

@@ -127,7 +127,8 @@ class Recording:
     ) -> Recording:
         """Makes a recording from arrays or lists of numbers, copied to float64 if necessary.
 
-        Shapes, units and errors are the class's; values that are not numbers raise RecordingError as well.
+        Shapes, units and errors are the class's; values that are not numbers raise RecordingError as well. Samples with
+        a NaN are dropouts: they are removed and noted.
 
         Args:
             time, position, velocity, effort, acceleration, imu, foot_force: see `Recording`.
@@ -145,22 +146,24 @@ class Recording:
                 f"got {got}"
             )
 
-        def array(values: ArrayLike | None, name: str) -> Any:
-            return None if values is None else _as_numbers(values, name, source)
-
-        if imu is not None:
-            imu = replace(imu, **{name: array(getattr(imu, name), f"imu.{name}") for name in IMU_COLUMNS})
+        given = {TIME: time, "position": position, "velocity": velocity, "acceleration": acceleration, "effort": effort}
+        given |= {f"imu.{name}": getattr(imu, name) for name in (IMU_COLUMNS if imu is not None else ())}
+        given |= {f"{foot}.force": force for foot, force in (foot_force or {}).items()}
+        given |= {f"{foot}.contact": contact for foot, contact in (foot_contact or {}).items()}
+        read = {name: _as_numbers(v, name, source) for name, v in given.items() if v is not None}
+        arrays, notes = _without_dropouts(read, source)
         return cls(
-            time=array(time, "time"),
+            time=arrays[TIME],
             joints=tuple(joints),
-            position=array(position, "position"),
-            velocity=array(velocity, "velocity"),
-            acceleration=array(acceleration, "acceleration"),
-            effort=array(effort, "effort"),
-            imu=imu,
-            foot_force={foot: array(force, f"{foot}.force") for foot, force in (foot_force or {}).items()},
-            foot_contact={foot: array(c, f"{foot}.contact") != 0 for foot, c in (foot_contact or {}).items()},
+            position=arrays["position"],
+            velocity=arrays.get("velocity"),
+            acceleration=arrays.get("acceleration"),
+            effort=arrays.get("effort"),
+            imu=imu and replace(imu, **{n: arrays[f"imu.{n}"] for n in IMU_COLUMNS if f"imu.{n}" in arrays}),  # type: ignore[arg-type]
+            foot_force={foot: arrays[f"{foot}.force"] for foot in foot_force or {}},
+            foot_contact={foot: arrays[f"{foot}.contact"] != 0 for foot in foot_contact or {}},
             source=source,
+            notes=notes,
         )
 
     @classmethod
@@ -324,6 +327,31 @@ def _check_time(time: Array, source: str) -> None:
 
 
 Rows = slice | Bools | NDArray[np.int64]
+
+
+def _without_dropouts(arrays: Mapping[str, Array], source: str) -> tuple[dict[str, Array], tuple[str, ...]]:
+    """The samples without NaN of arrays (samples, ...), and a note on the others. Raises RecordingError: there are none
+    without.
+    """
+    if len({values.shape[:1] for values in arrays.values()}) > 1 or not arrays[TIME].size:
+        return dict(arrays), ()
+    blank = np.array([np.isnan(values.reshape(len(values), -1)).any(axis=1) for values in arrays.values()])
+    dropped = np.asarray(blank.any(axis=0))
+    if not dropped.any():
+        return dict(arrays), ()
+    if dropped.all():
+        raise RecordingError(f"{source}: {list(arrays)[int(blank.sum(axis=1).argmax())]} is NaN: no sample is complete")
+    note = dropout_note(blank, list(arrays), np.arange(len(dropped)))
+    return {name: values[~dropped] for name, values in arrays.items()}, (note,)
+
+
+def dropout_note(blank: Bools, columns: Sequence[str], samples: NDArray[np.int64]) -> str:
+    """Says which samples were dropped, by cells that are blank (columns, samples), some of them, and their numbers."""
+    dropped = np.asarray(blank.any(axis=0))
+    holes, at = int(np.count_nonzero(np.diff(dropped.astype(np.int8), prepend=0) == 1)), int(np.argmax(dropped))
+    first = f"the first at sample {samples[at]}, column {columns[int(np.argmax(blank[:, at]))]!r}"
+    count = f"dropped {np.count_nonzero(dropped)} of {len(dropped)} samples with blank cells"
+    return f"{count}, in {holes} dropout{'s' * (holes > 1)}, {first}"
 
 
 def take(recording: Recording, rows: Rows) -> Recording:
