@@ -265,6 +265,18 @@ def test_legs_below_a_waist_are_found(below: bool, tmp_path: Path) -> None:
             check_export(each, tmp_path / "written.xml")
 
 
+def test_commands_name_a_robot_as_its_owner_does(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A name of the catalogue, else the file, also one that has such a name."""
+    assert load_robot("go2").argument == "go2"
+    source = load_robot("go2").source
+    assert source is not None
+    (tmp_path / "go2.urdf").write_text(source.read_text(encoding="utf-8"), encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    assert load_robot("go2.urdf").argument == "go2.urdf"
+    feet = ("FL_foot", "FR_foot", "RL_foot", "RR_foot")
+    assert load_robot("go2.urdf", feet=feet).argument == "go2.urdf --feet FL_foot,FR_foot,RL_foot,RR_foot"
+
+
 def test_a_trunk_without_legs_is_refused() -> None:
     path = load_robot("go2").source
     with pytest.raises(ModelError, match="no legs hang from trunk 'FL_thigh'; they hang from 'base'") as refused:

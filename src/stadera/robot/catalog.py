@@ -73,6 +73,14 @@ def find_file(name: str) -> Path:
     return folder / file
 
 
+def is_file_of(name: str, path: Path) -> bool:
+    """True if the catalogue has a robot of this name, and in this file."""
+    try:
+        return name in CATALOG and path == find_file(name)
+    except MissingExtraError:
+        return False
+
+
 def _example_robot_data() -> Path | None:
     """Folder of robots in the package, from the installed package's list of files."""
     try:

@@ -6,10 +6,12 @@ link frame; for an MJCF the body's axes with the origin at the joint's anchor.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
+from shlex import quote
 from types import MappingProxyType
 from typing import Literal
 
@@ -20,6 +22,7 @@ from stadera.errors import ModelError, UnknownNameError, require_known
 from stadera.inertia import InertialParameters
 from stadera.joint_words import LEG_NAMES as LEG_NAMES
 from stadera.joint_words import PARTS
+from stadera.robot.catalog import is_file_of
 from stadera.robot.extra import ExtraJoints
 from stadera.types import Array
 
@@ -204,6 +207,16 @@ class Robot:
         joints = len(self.tree.joints)
         lines = [f"Robot {self.name!r}: {self.mass:.2f} kg, trunk {self.trunk!r}, {joints} joints, from {self.source}"]
         return "\n".join(lines + [f"  {leg.name}: {', '.join(leg.joints)}, foot {leg.foot}" for leg in self.legs])
+
+    @property
+    def argument(self) -> str:
+        """What `--robot` needs to load it again: a name of the catalogue or its file's path, with its owner's feet and
+        trunk.
+        """
+        known = self.source is None or is_file_of(self.name, self.source)
+        given = self.name if known else quote(os.path.relpath(self.source or ""))
+        more = [f"--feet {','.join(self.feet)}"] * bool(self.feet) + [f"--trunk {self.root}"] * bool(self.root)
+        return " ".join((given, *more))
 
     @property
     def trunk(self) -> str:

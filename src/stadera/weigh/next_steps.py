@@ -119,7 +119,7 @@ def _moves(robot: Robot, payload: Payload, limits: UseLimits) -> Iterator[NextSt
     """Five seconds of sway, and ten steps, without and with the load."""
     from stadera.excite.trunk.design import bars_of_steps, undesigned_bars
 
-    best = f"best by `stadera excite --robot {robot.name} --trunk`"
+    best = f"best by `stadera excite --robot {robot.argument} --trunk`"
     load = round(max(abs(payload.mass), limits.fine * robot.mass) / robot.mass, 2)
     for do, bars_of in (
         (f"let the trunk sway for 5 s without and with the load, {best}", undesigned_bars),

@@ -158,7 +158,7 @@ def html(result: Excitation) -> str:
 
 
 def _next_steps(result: Excitation) -> tuple[str, ...]:
-    robot, leg = result.experiment.bounds.robot.name, result.experiment.bounds.leg
+    robot, leg = result.experiment.bounds.robot.argument, result.experiment.bounds.leg
     play = f"`stadera excite --robot {robot} --leg {leg} --out motion.csv`"
     optimum = ("Leave `--random` out for the optimum of the same length.",) if result.settings.random else ()
     return (

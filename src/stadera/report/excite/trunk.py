@@ -108,7 +108,7 @@ def html(result: Routine) -> str:
     """The complete, self-contained page."""
     from stadera.report.page import render, script_data
 
-    robot, seconds = result.robot.name, f"{result.settings.seconds:g}"
+    robot, seconds, given = result.robot.name, f"{result.settings.seconds:g}", result.robot.argument
     drawn = figures(result)
     return render(
         "routine.html.j2",
@@ -118,9 +118,9 @@ def html(result: Routine) -> str:
         word="Within the limits",
         why=f"Feet stay in place with up to {100.0 * result.settings.heaviest:g} % of the robot anywhere on its back.",
         next=(
-            f"Write a script that plays it: `stadera excite --robot {robot} --trunk --for unitree --out play.py`.",
+            f"Write a script that plays it: `stadera excite --robot {given} --trunk --for unitree --out play.py`.",
             "Record joints, torques and IMU while the robot does it, stop, put the load on, and let it do it again.",
-            f"Weigh the load: `stadera weigh LOG --robot {robot} --tare 0:{seconds}`.",
+            f"Weigh the load: `stadera weigh LOG --robot {given} --tare 0:{seconds}`.",
         ),
         film=script_data(json.dumps(film(result), separators=(",", ":"))),
         trunk=trunk_table(result),

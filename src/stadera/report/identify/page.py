@@ -50,7 +50,7 @@ def next_steps(result: Identification, enough: float = 0.6) -> Iterator[str]:
     Args:
         enough: share of the directions that rich motion determines, below which another motion is recommended.
     """
-    robot = result.robot.name
+    robot = result.robot.argument
     if result.trust.verdict == "bad":
         yield (
             "Do not use these figures: the model does not explain the torques, and the likeliest cause is named below. "

@@ -21,13 +21,14 @@ __all__ = ["figures", "html", "tables"]
 
 def next_steps(result: Weighing) -> Iterator[str]:
     """Yields next steps for this result, the most urgent first: sentences, with commands between backquotes."""
-    command = f"stadera weigh LOG --robot {result.robot.name}"
+    robot = result.robot.argument
+    command = f"stadera weigh LOG --robot {robot}"
     first = next((change.time for change in result.changes), np.nan)
     tare = f"{result.begin + 0.5:.1f}:{first - 0.2:.1f}" if first - result.begin > 1.0 else "T0:T1"
     if not result.is_trusted:
         yield "Do not use these figures: the model does not explain the log, and the likeliest cause is named above."
         yield (
-            f"Check the log with `stadera inspect LOG --robot {result.robot.name}`: reversed torques, swapped joints, "
+            f"Check the log with `stadera inspect LOG --robot {robot}`: reversed torques, swapped joints, "
             "another IMU frame. Then weigh it again."
         )
         return
