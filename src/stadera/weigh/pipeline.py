@@ -212,7 +212,7 @@ class _LogPass:
     def tare(self, where: str) -> None:
         """Makes the present estimate of the trunk the reference for the payload."""
         if np.isnan((found := self.estimator.estimate()).time):
-            why = f": {found.reason}" if found.reason else ""
+            why = f": {found.reason}{self._without_imu()}" if found.reason else ""
             raise IdentificationError(f"{where}: too short for a tare: nothing is learnt by its end{why}")
         self.estimator.tare()
         if self._request.weight is not None and isinstance(self.estimator, TrunkEstimator):
@@ -275,9 +275,8 @@ class _LogPass:
             if self._method.at_rest and refused:
                 what = "the robot never stands still, nothing to weigh by"
                 reason = max(refused, key=lambda r: r.end - r.begin).reason
-                if log.first.imu is None:
-                    reason += "; the log has no IMU, without which only rest can be weighed by"
-                elif slow := self._request.settings.too_slow(log.first.time):
+                reason += self._without_imu()
+                if log.first.imu is not None and (slow := self._request.settings.too_slow(log.first.time)):
                     reason += f"; {slow}"
             raise IdentificationError(f"{log.source.source}: {what}: {reason}")
         if self._method.at_rest and estimate.time < self._tared_at + self._request.settings.entry:
@@ -285,6 +284,9 @@ class _LogPass:
                 f"{log.source.source}: the robot does not stand still after the tare's time, "
                 f"{self._tared_at - log.begin:.3g} s"
             )
+
+    def _without_imu(self) -> str:
+        return "; the log has no IMU, without which only rest can be weighed by" * (self.log.first.imu is None)
 
     def _uncovered(self, payload: Payload | None) -> Iterator[str]:
         """Says what a scale said, how heavy the robot was at the tare, and, of a log without one, until when a load
