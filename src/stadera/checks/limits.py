@@ -135,10 +135,12 @@ class CheckLimits:
     step_seen: float = 0.02
     step_alike: float = 10.0  # difference in z² within which other joints are named with it
     step_alike_most: int = 3  # number of joints named above which it is no joint's own
-    # share of instants with motion before and after; and in all, for a joint's sign: squats rest too long for it. Of
-    # 110 joints with the other sign in 36 simulated logs 98 are named, and none in 212 sound ones and 21 walks of a
-    # real Mini Cheetah and real Go2s.
+    # share of instants with motion before and after; and in all, for a joint's sign: squats rest too long for it
     step_lively: float = 0.6
+    # scatter of a joint's torque, share of its limit, above which its sign shows: twice Coulomb friction as assumed. In
+    # two sound logs of 96, of a plant of its own, the sign of a torque that scatters by 0.019 to 0.027 seems to be
+    # reversed. Joints whose sign is reversed scatter by 0.05 to 0.35 in walks, by 0.02 to 0.05 in sways.
+    sign_torque: float = 0.04
     # scatter of the rows, in % of the weight, above which they are too rough for the test: by legs that swing fast in
     # an instant, a sound crawl with 4 to 5 seems to have knees off by a third of their limit. Clean trots have 1 to
     # 6.5, real walks of a Mini Cheetah, whose torques are commands, 8 to 18.

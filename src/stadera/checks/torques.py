@@ -254,6 +254,8 @@ def misread_in_motion(footing: Footing) -> tuple[list[Hypothesis], float] | None
     error = 0.01 * np.sqrt(fit.variance / limits.order_repeated)
     if best is recorded or fits[rival].cost - fit.cost <= limits.order_gain or error > limits.order_fits:
         return None
+    if best in signs and not _shows_sign(rows.footing, best):
+        return None
     for k in range(len(alone)):
         now, other = (rows.fitted(*(np.delete(part, k, axis=0) for part in seconds[one])) for one in (recorded, best))
         if now.cost - other.cost <= 0.5 * limits.order_gain:
@@ -263,6 +265,13 @@ def misread_in_motion(footing: Footing) -> tuple[list[Hypothesis], float] | None
     known = now.cost - other.cost > limits.order_certain
     named = _whose_sign(rows.footing, best, signs[best]) if best in signs else [best]
     return [replace(one, known=known) for one in named], fits[recorded].cost - fit.cost
+
+
+def _shows_sign(footing: Footing, sign: Hypothesis) -> bool:
+    """True if the torque of a joint that may have the other sign varies by more than friction."""
+    ((_, joint),) = sign.undo.joint_factors
+    k = footing.body.joints.index(joint)
+    return bool(footing.blocks.effort[:, k].std() > footing.limits.sign_torque * footing.robot.effort_limits[k])
 
 
 def _whose_sign(footing: Footing, torque: Hypothesis, whole: Hypothesis) -> list[Hypothesis]:

@@ -129,18 +129,21 @@ class ChangeDetector:
         return Jump(placed, bool(large[best]))
 
     def returned(self, before: Segment, since: Segment, history: History, errors: Errors) -> bool:
-        """True if the load is again what it was before a change: the latest blocks agree with the estimate before, and
-        not with that `since` the change. It was a push, or a foot that was caught.
+        """True if the load is again what it was before a change: the latest blocks, `back` and the next window, agree
+        with the estimate before, and not with that `since` the change. It was a push, or a foot that was caught.
         """
-        settings, n = self.settings, self.settings.back
-        if len(self._sums) <= n:
+        settings = self.settings
+        first = settings.windows.index(settings.back)
+        windows = settings.windows[first : first + 2]  # friction may hide a load for a moment
+        if len(self._sums) <= windows[-1]:
             return False
-        usual, total = np.sqrt(self._square[settings.windows.index(n)]), self._over([n])
+        usual, total = np.sqrt(self._square[first : first + 2]), self._over(windows)
 
-        def ratio(segment: Segment) -> float:
-            return float((self._difference([segment], total, history.noise, errors).ratios / usual).max())
+        def ratios(segment: Segment) -> Array:
+            found = self._difference([segment] * len(windows), total, history.noise, errors)
+            return np.asarray((found.ratios / usual).max(axis=1))
 
-        return ratio(before) < settings.agreeing and ratio(since) > settings.deviations
+        return bool(ratios(before).max() < settings.agreeing and ratios(since).min() > settings.deviations)
 
     def _large(self, size: Array) -> Bools:
         """Whether mass or first moments (..., 10) change by more than the least change that is reported."""

@@ -223,8 +223,9 @@ class ChangeSettings:
         history, history_walking: earlier blocks that are needed, of any weight: 1 s; in a walk 1.5 s, since after 1 s a
             stride may pass for a change.
         pending: latest blocks excluded from what is learnt about a constant load, as changes may be detected in them.
-        back: one of `windows`, by which a load that is back to what it was before a change is recognised [blocks]: the
-            shorter, the less of the push stays in the estimate.
+        back: one of `windows`, by which, and by the next one, a load that is back to what it was before a change is
+            recognised [blocks]: the shorter, the less of the push stays in the estimate. By one alone a load on a Go2
+            that sways on a plant of its own is withdrawn 1.9 s later, by friction that hides it for 0.1 s.
         agreeing: number of standard deviations within which it is back.
         sliding: share of the joints that must slide for a block to be compared with an estimate from blocks in motion
             [1]: friction of joints that stop passes for a load of 5 % and more.
