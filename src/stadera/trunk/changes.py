@@ -15,6 +15,10 @@ under a constant load is taken from the log; one, as honest bars have it, counts
 reported when it exceeds the least change and a number of standard deviations several times in succession, which grows
 with the residuals' size where that exceeds what the bars expect. A sustained push is reported as a change too: until it
 ends it cannot be distinguished from a load.
+
+A hand's load that is lost in the bars of the trunk's rows shows in its arm's. There a change is what moves the residual
+of one joint, in three means in succession and to one side, by so many standard deviations of the usual residual and of
+what uncertain errors do: friction of a joint that begins to move is none.
 """
 
 from __future__ import annotations
@@ -45,10 +49,13 @@ class Jump(NamedTuple):
     Attributes:
         blocks: the most likely number of blocks since it happened.
         reported: True if it exceeds the least change; a smaller one only restarts the estimate.
+        spoilt: number of blocks before these that may have both loads. felt: True if a limb's joints show it.
     """
 
     blocks: int
     reported: bool
+    spoilt: int
+    felt: bool = False
 
 
 class LoadDifferences(NamedTuple):
@@ -112,6 +119,8 @@ class ChangeDetector:
         if self._seen % _ANEW == 0:
             self._sums = deque([each - self._sums[0] for each in self._sums], self._sums.maxlen)
         self._moved = self._moved or rows.sliding >= settings.sliding
+        if rows.limbs is not None and isfinite(misfit) and (felt := self._felt(history, errors)) is not None:
+            return felt
         if self._seen % settings.every:
             return None
         which, found = self._differences(history, errors)
@@ -126,7 +135,27 @@ class ChangeDetector:
             return None
         best = int(np.argmax(ratios))
         placed = self._placed(found.before[best], found.size[best], int(windows[best]), history, errors)
-        return Jump(placed, bool(large[best]))
+        return Jump(placed, bool(large[best]), settings.spoilt)
+
+    def _felt(self, history: History, errors: Errors) -> Jump | None:
+        """A change that the latest means of the limbs' rows show."""
+        ends = [k for k, rows in enumerate(history.recent) if rows.limbs is not None][-self.settings.means :]
+        if len(ends) < self.settings.means:
+            return None
+        step, last = ends[-1] - ends[-2], len(history.recent)
+        before = history.before_last(last - max(ends[0] + 1 - 2 * step, 0))  # a mean is of twice as many blocks
+        if before is None or not self._enough(before):
+            return None
+        ratios = []
+        for limbs in (history.recent[k].limbs for k in ends):
+            assert limbs is not None
+            D = before.by_errors(limbs)
+            uncertain = np.einsum("ij,jk,ik->i", D, errors.covariance, D)
+            ratios.append(limbs @ before.combination(errors.mean) / np.sqrt(1.0 + uncertain))
+        same = np.abs(np.sign(ratios).sum(axis=0)) == len(ends)
+        if not (same & (np.abs(ratios).min(axis=0) > self.settings.deviations)).any():
+            return None
+        return Jump(last - 1 - ends[0], reported=True, spoilt=2 * step, felt=True)
 
     def returned(self, before: Segment, since: Segment, history: History, errors: Errors) -> bool:
         """True if the load is again what it was before a change: the latest blocks, `back` and the next window, agree

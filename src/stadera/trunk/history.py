@@ -264,9 +264,11 @@ class History:
         self._limbs.clear()
         self._loaded[-1] = self._widened(self.current, errors)
 
-    def begin_load(self, blocks: int, errors: Array) -> Known:
-        """Begins a load that came so many blocks ago, with the rows since, and returns what was known before."""
-        recent, spoilt = list(self.recent), self._settings.changes.spoilt
+    def begin_load(self, blocks: int, spoilt: int, errors: Array) -> Known:
+        """Begins a load that came so many blocks ago, with the rows since, and returns what was known before: `spoilt`
+        blocks earlier, and as many of the first ones are left out, up to those after each change.
+        """
+        recent = list(self.recent)
         blocks = min(blocks, len(recent))
         last = max(len(recent) - blocks - spoilt, 0)
         before = self._known[last]
@@ -276,7 +278,8 @@ class History:
         self._divided = True
         self._set((*self.finished[-3:], before))
         self._begin(self._widened(before, errors), (), None)
-        for alone in self._of_one_load(recent[len(recent) - blocks + spoilt :]):
+        left_out = min(spoilt, self._settings.changes.spoilt)
+        for alone in self._of_one_load(recent[len(recent) - blocks + left_out :]):
             known_since, weight = self._with(self.current, alone)  # weights were by residuals from the earlier load
             self.recent.append(replace(alone, weight=weight))
             self._known.append(known_since)

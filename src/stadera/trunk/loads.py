@@ -85,7 +85,7 @@ class LoadChanges:
         if self._withdrawn(rows, history, errors):
             return Found.BACK
         jump = self.detector.look(history, errors, inf if self._unlike(rows, history.aged) else misfit)
-        if jump is None or self.place(history, errors):
+        if jump is None or (not jump.felt and self.place(history, errors)):
             return Found.SAME
         self._divide(jump, history, errors, rows.time)
         return Found.OTHER
@@ -117,7 +117,7 @@ class LoadChanges:
         """Begins another load with the rows since a change."""
         blocks = min(jump.blocks, len(history.recent))
         begun = history.recent[-blocks].time - self._settings.block
-        known = history.begin_load(blocks, errors.mean)
+        known = history.begin_load(blocks, jump.spoilt, errors.mean)
         rival = self._rival or _Rival(now, known, known.before, self._ended, self._changing)
         since = history.oldest
         for rows in history.recent:  # as the robot seems to be: what friction holds is part of a push

@@ -232,6 +232,7 @@ class ChangeSettings:
         transient: time within which a change that goes back is withdrawn [s]: nobody loads and unloads a robot that
             fast; people push and feet are caught for up to a second.
         spoilt: blocks skipped after the change, which contain both loads.
+        means: number of successive means of limbs' rows that a change must show, 0.2 s each.
         trusted: number of independent ratios that honest bars count as, against those that the log shows [1].
         shifted: change of mass, as a share of the robot's mass, below which a change is reported as a shift [1].
     """
@@ -249,6 +250,7 @@ class ChangeSettings:
     sliding: float = 0.5
     transient: float = 2.0
     spoilt: int = 2
+    means: int = 3
     trusted: float = 4.0
     shifted: float = 0.005
 
