@@ -49,12 +49,12 @@ class Jump(NamedTuple):
     Attributes:
         blocks: the most likely number of blocks since it happened.
         reported: True if it exceeds the least change; a smaller one only restarts the estimate.
-        spoilt: number of blocks before these that may have both loads. felt: True if a limb's joints show it.
+        spoilt: number of blocks before these that may have it too. felt: True if a limb's joints show it.
     """
 
     blocks: int
     reported: bool
-    spoilt: int
+    spoilt: int = 0
     felt: bool = False
 
 
@@ -119,8 +119,6 @@ class ChangeDetector:
         if self._seen % _ANEW == 0:
             self._sums = deque([each - self._sums[0] for each in self._sums], self._sums.maxlen)
         self._moved = self._moved or rows.sliding >= settings.sliding
-        if rows.limbs is not None and isfinite(misfit) and (felt := self._felt(history, errors)) is not None:
-            return felt
         if self._seen % settings.every:
             return None
         which, found = self._differences(history, errors)
@@ -135,23 +133,24 @@ class ChangeDetector:
             return None
         best = int(np.argmax(ratios))
         placed = self._placed(found.before[best], found.size[best], int(windows[best]), history, errors)
-        return Jump(placed, bool(large[best]), settings.spoilt)
+        return Jump(placed, bool(large[best]))
 
-    def _felt(self, history: History, errors: Errors) -> Jump | None:
-        """A change that the latest means of the limbs' rows show."""
+    def felt(self, history: History, errors: Errors) -> Jump | None:
+        """A change that the limbs' rows show when the last block completes a mean, else None."""
         ends = [k for k, rows in enumerate(history.recent) if rows.limbs is not None][-self.settings.means :]
-        if len(ends) < self.settings.means:
+        last = len(history.recent)
+        if len(ends) < self.settings.means or ends[-1] + 1 < last:
             return None
-        step, last = ends[-1] - ends[-2], len(history.recent)
+        step = ends[-1] - ends[-2]
         before = history.before_last(last - max(ends[0] + 1 - 2 * step, 0))  # a mean is of twice as many blocks
         if before is None or not self._enough(before):
             return None
         ratios = []
         for limbs in (history.recent[k].limbs for k in ends):
             assert limbs is not None
-            D = before.by_errors(limbs)
-            uncertain = np.einsum("ij,jk,ik->i", D, errors.covariance, D)
-            ratios.append(limbs @ before.combination(errors.mean) / np.sqrt(1.0 + uncertain))
+            D, B = before.by_errors(limbs), before.by_noise(limbs)
+            variance = 1.0 + (B**2).sum(axis=1) + np.einsum("ij,jk,ik->i", D, errors.covariance, D)
+            ratios.append(limbs @ before.combination(errors.mean) / np.sqrt(variance))
         same = np.abs(np.sign(ratios).sum(axis=0)) == len(ends)
         if not (same & (np.abs(ratios).min(axis=0) > self.settings.deviations)).any():
             return None

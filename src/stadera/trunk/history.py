@@ -73,7 +73,7 @@ class RobustWeights:
         noise = np.maximum(self.usual, self._least)
         far = n * float((square / noise).mean())
         if covariance is not None:
-            D, B = known.by_errors(columns), columns[:, :10] @ known.inverse
+            D, B = known.by_errors(columns), known.by_noise(columns)
             S = noise * (np.eye(n) + B @ B.T) + D @ covariance @ D.T
             uncertain = float(residual @ np.linalg.solve(S, residual))
             far = uncertain if uncertain < settings.explained * n else far
@@ -264,13 +264,13 @@ class History:
         self._limbs.clear()
         self._loaded[-1] = self._widened(self.current, errors)
 
-    def begin_load(self, blocks: int, spoilt: int, errors: Array) -> Known:
-        """Begins a load that came so many blocks ago, with the rows since, and returns what was known before: `spoilt`
-        blocks earlier, and as many of the first ones are left out, up to those after each change.
+    def begin_load(self, blocks: int, errors: Array, spoilt: int = 0) -> Known:
+        """Begins a load that came so many blocks ago, with the rows since, and returns what was known `spoilt` blocks
+        before, at least those that are skipped after each change.
         """
-        recent = list(self.recent)
+        recent, skipped = list(self.recent), self._settings.changes.spoilt
         blocks = min(blocks, len(recent))
-        last = max(len(recent) - blocks - spoilt, 0)
+        last = max(len(recent) - blocks - max(spoilt, skipped), 0)
         before = self._known[last]
         known = Known(before, self.finished, self._loaded[last])
         if self.before is None:
@@ -278,8 +278,7 @@ class History:
         self._divided = True
         self._set((*self.finished[-3:], before))
         self._begin(self._widened(before, errors), (), None)
-        left_out = min(spoilt, self._settings.changes.spoilt)
-        for alone in self._of_one_load(recent[len(recent) - blocks + left_out :]):
+        for alone in self._of_one_load(recent[len(recent) - blocks + skipped :]):
             known_since, weight = self._with(self.current, alone)  # weights were by residuals from the earlier load
             self.recent.append(replace(alone, weight=weight))
             self._known.append(known_since)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from enum import Enum
-from math import inf
+from math import inf, isfinite
 
 import numpy as np
 
@@ -85,6 +85,8 @@ class LoadChanges:
         if self._withdrawn(rows, history, errors):
             return Found.BACK
         jump = self.detector.look(history, errors, inf if self._unlike(rows, history.aged) else misfit)
+        if isfinite(misfit):  # what joints of legs that stop hide does not matter to an arm
+            jump = self.detector.felt(history, errors) or jump
         if jump is None or (not jump.felt and self.place(history, errors)):
             return Found.SAME
         self._divide(jump, history, errors, rows.time)
@@ -117,7 +119,7 @@ class LoadChanges:
         """Begins another load with the rows since a change."""
         blocks = min(jump.blocks, len(history.recent))
         begun = history.recent[-blocks].time - self._settings.block
-        known = history.begin_load(blocks, jump.spoilt, errors.mean)
+        known = history.begin_load(blocks, errors.mean, jump.spoilt)
         rival = self._rival or _Rival(now, known, known.before, self._ended, self._changing)
         since = history.oldest
         for rows in history.recent:  # as the robot seems to be: what friction holds is part of a push

@@ -304,6 +304,13 @@ class Segment:
             moved = moved - columns[..., end + self._load.columns] @ self._load.load.sensitivity
         return np.asarray(moved)
 
+    def by_noise(self, columns: Array) -> Array:
+        """What rows of unit noise that the estimate has do to the residual of rows (..., columns): A R⁻¹ + Y R_φ⁻¹."""
+        if self._load is None:
+            return np.asarray(columns[..., :10] @ self.inverse)
+        at = 11 + self.layout.count + self._load.columns
+        return np.asarray(columns[..., :10] @ self._load.trunk.inverse + columns[..., at] @ self._load.load.inverse)
+
 
 def _folded_loads(triangle: Array, rows: Array, keep: float) -> tuple[Array, Array]:
     """`folded` by the columns of loads, which are the last ones of `rows` and the first of the triangle."""

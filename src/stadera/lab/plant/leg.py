@@ -43,8 +43,8 @@ _TRACKING = TrackingSettings()
 class Gains:
     """Joint tracking gains: τ = stiffness (q_ref - q) + damping (q̇_ref - q̇)."""
 
-    stiffness: Array  # (3,) [N·m/rad]
-    damping: Array  # (3,) [N·m·s/rad]
+    stiffness: Array  # (joints,) [N·m/rad]
+    damping: Array  # (joints,) [N·m·s/rad]
 
     @classmethod
     def scaled(cls, robot: Robot, leg: str, bandwidth: float = _TRACKING.bandwidth) -> Gains:
@@ -52,7 +52,7 @@ class Gains:
         tree = robot.leg_tree(leg)
         model = build_model(robot, tree)
         data = mujoco.MjData(model)
-        inertia = np.zeros(3)
+        inertia = np.zeros(model.nv)
         for position in workspace(robot, tree):
             data.qpos[:] = position
             inertia = np.maximum(inertia, np.diag(mass_matrix(model, data)))
@@ -125,9 +125,9 @@ def _run(
     substeps: int,
     friction: DryFriction | None,
 ) -> Array:
-    """Position, velocity, acceleration and motor torque at each sample of the drive, (samples, 4, 3)."""
+    """Position, velocity, acceleration and motor torque at each sample of the drive, (samples, 4, joints)."""
     rates = np.diff(drive, axis=0, append=drive[-1:]) / interval
-    samples = np.empty((len(drive), 4, 3))
+    samples = np.empty((len(drive), 4, model.nv))
     forward, integrate = mujoco.mj_forward, mujoco.mj_RungeKutta
     qpos, qvel, qacc = data.qpos, data.qvel, data.qacc
     act, ctrl, force = data.act, data.ctrl, data.actuator_force
