@@ -54,7 +54,8 @@ class Payload:
     places: Mapping[str, float] = field(default_factory=dict)
 
     def __repr__(self) -> str:
-        return described(self, self.mass)
+        where = f" at and in the frame of {self.at}" if self.at else ""
+        return f"{described(self, self.mass)}{where}"
 
     @property
     def scale(self) -> float | None:
