@@ -145,6 +145,15 @@ def test_a_load_that_comes_within_the_tare_is_an_error() -> None:
         weigh(HYQ, log(), tare=(0.0, 3.0))
 
 
+def test_a_small_change_within_the_tare_is_a_doubt() -> None:
+    """The payload is what comes after the tare's end."""
+    found = weigh(HYQ, log(), tare=(0.0, 3.0), settings=WeighSettings(tare_change=1.0))
+    assert found.payload is not None
+    assert abs(found.payload.mass) < 3.0 * found.payload.mass_std
+    assert found.trust.verdict == "doubtful"
+    assert any("the load changes within the tare's time, at" in reason for reason in found.trust.reasons)
+
+
 def test_a_load_of_which_next_to_nothing_is_known_is_shown_with_its_bar_and_not_as_determined() -> None:
     found = weigh(HYQ, before(1.9), tare=(0.0, 1.87))
     assert found.payload is not None

@@ -27,15 +27,14 @@ class ImuMount:
 
     @classmethod
     def of(cls, robot: Robot, frame: str | None = None) -> Self:
-        """Mount of the named frame; for None, of the only frame on the trunk itself with "imu" in its name, else of the
-        trunk frame. UnknownNameError if there is no such frame, ModelError if it is fixed to a leg.
+        """Mount of the named frame; for None, of the only frame on the trunk with "imu" in its name, or on the trunk
+        itself where others are beyond a waist, else of the trunk frame. UnknownNameError if there is no such frame, ModelError if it is fixed to a leg.
         """
         extra = robot.extra
         if frame is None:
-            moving = {} if extra is None else extra.frames  # with a waist or a head
-            at_trunk = (name for name, f in robot.frames.items() if f.link == robot.trunk and name not in moving)
-            found = [name for name in at_trunk if "imu" in name.lower()]
-            frame = found[0] if len(found) == 1 else robot.trunk
+            found = [name for name, f in robot.frames.items() if "imu" in name.lower() and f.link == robot.trunk]
+            own = [name for name in found if extra is None or name not in extra.frames]  # not beyond a waist or a neck
+            frame = next((names[0] for names in (own, found) if len(names) == 1), robot.trunk)
         if frame == robot.trunk:
             return cls(np.eye(3), np.zeros(3), frame)
         if extra is not None and frame in extra.frames:

@@ -149,7 +149,7 @@ class ChangeDetector:
         for limbs in (history.recent[k].limbs for k in ends):
             assert limbs is not None
             D, B = before.by_errors(limbs), before.by_noise(limbs)
-            variance = 1.0 + (B**2).sum(axis=1) + np.einsum("ij,jk,ik->i", D, errors.covariance, D)
+            variance = 1.0 + (B**2).sum(axis=1) + (D @ errors.covariance * D).sum(axis=1)
             ratios.append(limbs @ before.combination(errors.mean) / np.sqrt(variance))
         same = np.abs(np.sign(ratios).sum(axis=0)) == len(ends)
         if not (same & (np.abs(ratios).min(axis=0) > self.settings.deviations)).any():

@@ -145,6 +145,7 @@ class _LogPass:
         self._changes_before = 0 if self._estimator is None else len(self._estimator.changes)
         self.tared, self._tared_at = before is not None, -np.inf
         self._time = np.nan  # of the last sample
+        self._unsteady = ""  # what the load did within the tare's time
         self._shift = 0.0  # puts this log after the tare's on the estimator's clock [s]
         if before is not None:
             self._shift = before._time + before._shift + request.settings.log_gap - log.begin
@@ -212,7 +213,7 @@ class _LogPass:
     def tare(self, where: str) -> None:
         """Makes the present estimate of the trunk the reference for the payload."""
         if np.isnan((found := self.estimator.estimate()).time):
-            why = f": {found.reason}{self._without_imu()}" if found.reason else ""
+            why = f": {found.reason}{self._lacks_imu()}" if found.reason else ""
             raise IdentificationError(f"{where}: too short for a tare: nothing is learnt by its end{why}")
         self.estimator.tare()
         if self._request.weight is not None and isinstance(self.estimator, TrunkEstimator):
@@ -275,7 +276,7 @@ class _LogPass:
             if self._method.at_rest and refused:
                 what = "the robot never stands still, nothing to weigh by"
                 reason = max(refused, key=lambda r: r.end - r.begin).reason
-                reason += self._without_imu()
+                reason += self._lacks_imu()
                 if log.first.imu is not None and (slow := self._request.settings.too_slow(log.first.time)):
                     reason += f"; {slow}"
             raise IdentificationError(f"{log.source.source}: {what}: {reason}")
@@ -285,7 +286,7 @@ class _LogPass:
                 f"{self._tared_at - log.begin:.3g} s"
             )
 
-    def _without_imu(self) -> str:
+    def _lacks_imu(self) -> str:
         return "; the log has no IMU, without which only rest can be weighed by" * (self.log.first.imu is None)
 
     def _uncovered(self, payload: Payload | None) -> Iterator[str]:
@@ -365,10 +366,11 @@ class _LogPass:
             return
         changes = [c for c in self.estimator.changes if c.kind != "shifted"]
         if changes:
-            raise IdentificationError(
-                f"{self.log.source.source}: the load changes within the tare's time, at "
-                f"{changes[-1].time - self.log.begin:.2f} s"
-            )
+            last, most = changes[-1], self._request.settings.tare_change * self._request.robot.mass
+            self._unsteady = f"the load changes within the tare's time, at {last.time - self.log.begin:.2f} s"
+            if max(abs(change.mass) for change in changes) > most:
+                raise IdentificationError(f"{self.log.source.source}: {self._unsteady}")
+            self._unsteady += f", by {last.mass:.2g} ± {last.mass_std:.1g} kg; the payload counts from then on"
         self.tare(_since_zero(*(t - self.log.begin for t in self._range)))
 
     def _refuse(self, begin: float, end: float, reason: str) -> None:
@@ -397,6 +399,8 @@ class _LogPass:
                 )
             for doubt in log.doubts:
                 trust = trust.at_most(*doubt)
+        if self._unsteady:
+            trust = trust.at_most("doubtful", self._unsteady)
         found = self.estimator.trunk
         if found.observed[0]:
             robot, limits = self._request.robot, self._request.settings.model
