@@ -28,7 +28,8 @@ class ImuMount:
     @classmethod
     def of(cls, robot: Robot, frame: str | None = None) -> Self:
         """Mount of the named frame; for None, of the only frame on the trunk with "imu" in its name, or on the trunk
-        itself where others are beyond a waist, else of the trunk frame. UnknownNameError if there is no such frame, ModelError if it is fixed to a leg.
+        itself where others are beyond a waist, else of the trunk frame. UnknownNameError if there is no such frame,
+        ModelError if it is fixed to a leg.
         """
         extra = robot.extra
         if frame is None:
