@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from math import inf
 
 import numpy as np
 import pytest
@@ -236,6 +237,22 @@ def test_a_load_is_found_within_half_a_stride_though_gains_differ() -> None:
     assert without <= 1
     assert found == 4
     assert not found_with(LEARNT, stepping(20.0, np.zeros(10), np.inf, 0))
+
+
+def test_a_load_that_friction_hides_for_a_moment_is_not_gone() -> None:
+    """It has to be gone in the latest blocks and in twice as many."""
+    load, back, p = np.array([3.0, *np.zeros(9)]), SETTINGS.back, errors()
+    detector = ChangeDetector(SETTINGS, SCALE, 0.3 * wide_prior(ROBOT))
+    history = History(ROBOT, TRUNK, LAYOUT, TrunkSettings())
+    before, since = (Segment.prior(TRUNK + each, np.full(10, 1e-3), LAYOUT) for each in (0.0 * load, load))
+    gone = []
+    for r in rows(6.0, 2.0, -load, 4.0, 3):  # with the load, which goes off at 4 s
+        history.add(block(r.time, r.matrix, np.zeros((6, ERRORS)), r.target + r.matrix @ load, 4.0), p.mean)
+        detector.look(history, p, inf)
+        gone.append(detector.returned(before, since, history, p))
+    off = round(4.0 / BLOCK)
+    assert not any(gone[: off + back])
+    assert all(gone[off + 2 * back + 2 :])
 
 
 def test_a_load_that_is_withdrawn_leaves_nothing_in_the_rows_of_arms() -> None:

@@ -66,6 +66,10 @@ def test_estimates_do_not_depend_on_the_mount(name: str, seed: int) -> None:
     assert (np.abs(here.value - there.value) < tolerance)[seen].all()
 
 
+def test_of_two_imus_the_one_below_the_waist_is_the_trunks() -> None:
+    assert ImuMount.of(load_robot("g1")).name == "imu_in_pelvis"
+
+
 def test_an_imu_above_the_waist_turns_with_it() -> None:
     """H1's is on its torso: with the waist held at half a radian its axes are turned by that."""
     robot = load_robot("h1")

@@ -29,6 +29,7 @@ def test_what_only_the_arm_feels_is_a_change(settings: SimulateSettings) -> None
     payload, true = found.payload, made.truth.moments[-1]
     assert payload is not None
     assert payload.at == "left_wrist_yaw_link"
+    assert repr(payload).endswith("at and in the frame of left_wrist_yaw_link")
     assert abs(payload.mass - true.payload_mass) < 3.0 * payload.mass_std
     np.testing.assert_array_less(np.abs(payload.com - [0.0415, 0.003, 0.0]), 3.0 * payload.com_std)
     assert [change.at for change in found.changes][-1] == payload.at

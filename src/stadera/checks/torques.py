@@ -129,12 +129,8 @@ class TrunkRows:
 
     def columns(self, undo: Mend = AS_RECORDED) -> Array:
         """(6 n, 1 + p): b and C, after a correction of the torques."""
-        body, blocks, motion, J = (
-            self.footing.body,
-            self.footing.blocks.after(undo),
-            self.motion,
-            self.footing.body.in_legs,
-        )
+        body, motion, blocks = self.footing.body, self.motion, self.footing.blocks.after(undo)
+        J = body.in_legs
         torque, rate, q_rate = blocks.effort[:, J], blocks.slopes(blocks.effort)[:, J], motion.velocity[:, J]
         E = np.moveaxis(self.state.to_wrench[:, J], 1, 2)
         effort = np.zeros_like(blocks.effort)
@@ -167,9 +163,7 @@ class TrunkRows:
         sized = self.root.T @ products.sum(axis=0) @ self.root
         return Likelihood.of(sized, int(counts.sum()), self.footing.limits.order_repeated)
 
-    def by_second(
-        self, seconds: list[tuple[NDArray[np.int64], Array]], undo: Mend = AS_RECORDED
-    ) -> tuple[Array, Array]:
+    def by_second(self, seconds: list[Second], undo: Mend = AS_RECORDED) -> tuple[Array, Array]:
         """Products of b and C (seconds, 1 + p, 1 + p) after what is another one in every second is eliminated, and
         numbers of rows less what that has.
         """
@@ -254,17 +248,25 @@ def misread_in_motion(footing: Footing) -> tuple[list[Hypothesis], float] | None
     error = 0.01 * np.sqrt(fit.variance / limits.order_repeated)
     if best is recorded or fits[rival].cost - fit.cost <= limits.order_gain or error > limits.order_fits:
         return None
-    if best in signs and not _shows_sign(rows.footing, best):
+    if not _gains_always(rows, seconds[recorded], seconds[best]) or (
+        best in signs and not _shows_sign(rows.footing, best)
+    ):
         return None
-    for k in range(len(alone)):
-        now, other = (rows.fitted(*(np.delete(part, k, axis=0) for part in seconds[one])) for one in (recorded, best))
-        if now.cost - other.cost <= 0.5 * limits.order_gain:
-            return None
     pushed = rows.seconds(pushed=True)
     now, other = (rows.fitted(*rows.by_second(pushed, one.undo)) for one in (recorded, best))
     known = now.cost - other.cost > limits.order_certain
     named = _whose_sign(rows.footing, best, signs[best]) if best in signs else [best]
     return [replace(one, known=known) for one in named], fits[recorded].cost - fit.cost
+
+
+def _gains_always(rows: TrunkRows, now: tuple[Array, Array], other: tuple[Array, Array]) -> bool:
+    """True if a log gains over another one without any one second, too; by the products of both by second."""
+
+    def without(k: int) -> float:
+        costs = [rows.fitted(*(np.delete(part, k, axis=0) for part in each)).cost for each in (now, other)]
+        return costs[0] - costs[1]
+
+    return all(without(k) > 0.5 * rows.footing.limits.order_gain for k in range(len(now[1])))
 
 
 def _shows_sign(footing: Footing, sign: Hypothesis) -> bool:

@@ -138,16 +138,9 @@ class Recording:
         """
         if isinstance(joints, str):
             raise RecordingError(f"{source}: joints needs a list of names, got {joints!r}")
-        missing = not isinstance(imu, Imu) or imu.angular_velocity is None or imu.linear_acceleration is None
-        if imu is not None and missing:
-            got = "one that is None" if isinstance(imu, Imu) else type(imu).__name__
-            raise RecordingError(
-                f"{source}: imu needs stadera.Imu(angular_velocity, linear_acceleration), each of shape (samples, 3), "
-                f"got {got}"
-            )
-
-        given = {TIME: time, "position": position, "velocity": velocity, "acceleration": acceleration, "effort": effort}
-        given |= {f"imu.{name}": getattr(imu, name) for name in (IMU_COLUMNS if imu is not None else ())}
+        _check_imu(imu, source)
+        channels = dict(zip(CHANNELS, (position, velocity, acceleration, effort), strict=True))
+        given = {TIME: time} | channels | {f"imu.{name}": getattr(imu, name, None) for name in IMU_COLUMNS}
         given |= {f"{foot}.force": force for foot, force in (foot_force or {}).items()}
         given |= {f"{foot}.contact": contact for foot, contact in (foot_contact or {}).items()}
         read = {name: _as_numbers(v, name, source) for name, v in given.items() if v is not None}
@@ -155,11 +148,8 @@ class Recording:
         return cls(
             time=arrays[TIME],
             joints=tuple(joints),
-            position=arrays["position"],
-            velocity=arrays.get("velocity"),
-            acceleration=arrays.get("acceleration"),
-            effort=arrays.get("effort"),
-            imu=imu and replace(imu, **{n: arrays[f"imu.{n}"] for n in IMU_COLUMNS if f"imu.{n}" in arrays}),  # type: ignore[arg-type]
+            **{name: arrays.get(name) for name in CHANNELS},  # type: ignore[arg-type]
+            imu=imu and replace(imu, **{n: arrays.get(f"imu.{n}") for n in IMU_COLUMNS}),  # type: ignore[arg-type]
             foot_force={foot: arrays[f"{foot}.force"] for foot in foot_force or {}},
             foot_contact={foot: arrays[f"{foot}.contact"] != 0 for foot in foot_contact or {}},
             source=source,
@@ -327,6 +317,17 @@ def _check_time(time: Array, source: str) -> None:
 
 
 Rows = slice | Bools | NDArray[np.int64]
+
+
+def _check_imu(imu: Imu | None, source: str) -> None:
+    """Raises RecordingError: something else, or without rates or specific forces."""
+    missing = not isinstance(imu, Imu) or imu.angular_velocity is None or imu.linear_acceleration is None
+    if imu is not None and missing:
+        got = "one that is None" if isinstance(imu, Imu) else type(imu).__name__
+        raise RecordingError(
+            f"{source}: imu needs stadera.Imu(angular_velocity, linear_acceleration), each of shape (samples, 3), "
+            f"got {got}"
+        )
 
 
 def _without_dropouts(arrays: Mapping[str, Array], source: str) -> tuple[dict[str, Array], tuple[str, ...]]:

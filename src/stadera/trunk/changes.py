@@ -49,12 +49,11 @@ class Jump(NamedTuple):
     Attributes:
         blocks: the most likely number of blocks since it happened.
         reported: True if it exceeds the least change; a smaller one only restarts the estimate.
-        spoilt: number of blocks before these that may have it too. felt: True if a limb's joints show it.
+        felt: True if a limb's joints show it.
     """
 
     blocks: int
     reported: bool
-    spoilt: int = 0
     felt: bool = False
 
 
@@ -154,7 +153,7 @@ class ChangeDetector:
         same = np.abs(np.sign(ratios).sum(axis=0)) == len(ends)
         if not (same & (np.abs(ratios).min(axis=0) > self.settings.deviations)).any():
             return None
-        return Jump(last - 1 - ends[0], reported=True, spoilt=2 * step, felt=True)
+        return Jump(last - 1 - ends[0], reported=True, felt=True)
 
     def returned(self, before: Segment, since: Segment, history: History, errors: Errors) -> bool:
         """True if the load is again what it was before a change: the latest blocks, `back` and the next window, agree

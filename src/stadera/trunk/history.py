@@ -264,13 +264,11 @@ class History:
         self._limbs.clear()
         self._loaded[-1] = self._widened(self.current, errors)
 
-    def begin_load(self, blocks: int, errors: Array, spoilt: int = 0) -> Known:
-        """Begins a load that came so many blocks ago, with the rows since, and returns what was known `spoilt` blocks
-        before, at least those that are skipped after each change.
-        """
-        recent, skipped = list(self.recent), self._settings.changes.spoilt
+    def begin_load(self, blocks: int, errors: Array) -> Known:
+        """Begins a load that came so many blocks ago, with the rows since, and returns what was known before."""
+        recent, spoilt = list(self.recent), self._settings.changes.spoilt
         blocks = min(blocks, len(recent))
-        last = max(len(recent) - blocks - max(spoilt, skipped), 0)
+        last = max(len(recent) - blocks - spoilt, 0)
         before = self._known[last]
         known = Known(before, self.finished, self._loaded[last])
         if self.before is None:
@@ -278,7 +276,7 @@ class History:
         self._divided = True
         self._set((*self.finished[-3:], before))
         self._begin(self._widened(before, errors), (), None)
-        for alone in self._of_one_load(recent[len(recent) - blocks + skipped :]):
+        for alone in self._of_one_load(recent[len(recent) - blocks + spoilt :]):
             known_since, weight = self._with(self.current, alone)  # weights were by residuals from the earlier load
             self.recent.append(replace(alone, weight=weight))
             self._known.append(known_since)

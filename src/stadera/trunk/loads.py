@@ -119,7 +119,7 @@ class LoadChanges:
         """Begins another load with the rows since a change."""
         blocks = min(jump.blocks, len(history.recent))
         begun = history.recent[-blocks].time - self._settings.block
-        known = history.begin_load(blocks, errors.mean, jump.spoilt)
+        known = history.begin_load(blocks, errors.mean)
         rival = self._rival or _Rival(now, known, known.before, self._ended, self._changing)
         since = history.oldest
         for rows in history.recent:  # as the robot seems to be: what friction holds is part of a push

@@ -306,10 +306,10 @@ class Segment:
 
     def by_noise(self, columns: Array) -> Array:
         """What rows of unit noise that the estimate has do to the residual of rows (..., columns): A R⁻¹ + Y R_φ⁻¹."""
-        if self._load is None:
-            return np.asarray(columns[..., :10] @ self.inverse)
-        at = 11 + self.layout.count + self._load.columns
-        return np.asarray(columns[..., :10] @ self._load.trunk.inverse + columns[..., at] @ self._load.load.inverse)
+        moved = columns[..., :10] @ self.inverse
+        if self._load is not None:
+            moved = moved + columns[..., 11 + self.layout.count + self._load.columns] @ self._load.load.inverse
+        return np.asarray(moved)
 
 
 def _folded_loads(triangle: Array, rows: Array, keep: float) -> tuple[Array, Array]:

@@ -23,7 +23,6 @@ from stadera.robot.kinematics import foot_positions
 from stadera.robot.model import Robot
 from stadera.robot.stance import lying
 from stadera.trunk.load import SIGNIFICANT, Payload
-from stadera.trunk.result import TrunkParameters
 from stadera.trust import Verdict
 from stadera.types import Array
 
@@ -36,8 +35,6 @@ class AgreementLimits:
     lighter: float = 0.12
     # than the model, share of it: quadrupeds are built for loads of a third to a half of their mass
     heavier: float = 0.7
-    # at the tare than the model, share of it, which is said: batteries, cameras, a common gain of all torques are less
-    equipped: float = 0.2
     least: float = 0.08  # force of one leg that may be wrong, share of the weight
     # what a load right above a foot may leave of the difference in mass and first moment, relative; one half way from
     # the middle to the foot leaves 0.32
@@ -156,18 +153,6 @@ def doubts(
         text = "the trunk is as low as the feet: it may lie on the ground"
         yield "doubtful", f"{text}, which then carries a part that no leg feels"
     yield from found[:1] or _of_all(difference.mass / robot.mass, SIGNIFICANT * std / robot.mass, limits)
-
-
-def heavy_at_tare(
-    robot: Robot, trunk: TrunkParameters, payload: Payload | None, limits: AgreementLimits
-) -> Iterator[str]:
-    """Says that the robot was far heavier at the tare than its model; by the trunk with all that is on it."""
-    added = 0.0 if payload is None or payload.at else payload.mass
-    more = trunk.inertial.mass - added - robot.inertias[robot.trunk].mass
-    if more > max(limits.equipped * robot.mass, SIGNIFICANT * trunk.mass_std):
-        has = f"at the tare the robot has {robot.mass + more:.3g} kg, its model {robot.mass:.3g} kg"
-        larger = f"all torques are up to {1 + more / robot.mass:.2g} times too large, and the payload with them"
-        yield f"{has}: something is on it that the model lacks, or {larger}; a scale tells (--weight)"
 
 
 def _of_one_leg(

@@ -32,7 +32,7 @@ from stadera.trunk.standing.estimator import Stance, Vertical, level_axes
 from stadera.trunk.standing.forces import measurements_without_imu
 from stadera.trust import Trust, Verdict
 from stadera.types import Array, Progress
-from stadera.weigh.against_model import Footprint, doubts, heavy_at_tare
+from stadera.weigh.against_model import Footprint, doubts
 from stadera.weigh.next_steps import steps_known
 from stadera.weigh.reading import CheckedLog
 from stadera.weigh.result import Refusal, Timeline, Weighing
@@ -257,7 +257,7 @@ class _LogPass:
             notes=(
                 *_without_imu(more.get("vertical")),
                 *dict.fromkeys(note for read in logs for note in read.notes),
-                *self._uncovered(payload),
+                *self._uncovered(),
                 *filter(None, [whereabouts(payload, self._request.robot.trunk)]),
                 *filter(None, [said]),
             ),
@@ -289,10 +289,8 @@ class _LogPass:
     def _lacks_imu(self) -> str:
         return "; the log has no IMU, without which only rest can be weighed by" * (self.log.first.imu is None)
 
-    def _uncovered(self, payload: Payload | None) -> Iterator[str]:
-        """Says what a scale said, how heavy the robot was at the tare, and, of a log without one, until when a load
-        counts as part of the trunk.
-        """
+    def _uncovered(self) -> Iterator[str]:
+        """Says what a scale said, and, of a log without a tare, until when a load counts as part of the trunk."""
         if self._request.weight is not None:
             mass, std = self._request.weight
             when = "tare" if self.tared else "beginning"
@@ -300,9 +298,6 @@ class _LogPass:
         if (test := self._request.known) is not None:
             place = ", ".join(f"{v:g}" for v in test.com)
             yield f"the payload is a test weight of {test.mass:g} kg at {place} m, as its owner says"
-        if self.tared and self._request.weight is None and self.estimator.trunk.observed[0]:
-            limits = self._request.settings.model
-            yield from heavy_at_tare(self._request.robot, self.estimator.trunk, payload, limits)
         if not self.tared and isinstance(self.estimator, TrunkEstimator):
             settings = self._request.settings.trunk
             known = settings.changes.history_walking * settings.block

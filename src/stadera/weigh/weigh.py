@@ -7,6 +7,7 @@ from os import PathLike
 import numpy as np
 
 from stadera.checks import Finding, Guard
+from stadera.checks.limits import CheckLimits
 from stadera.checks.other_robot import other_robots
 from stadera.errors import IdentificationError, RecordingError, StaderaError, UntrustedError, positive
 from stadera.logs.columns import HALF_IMU
@@ -16,6 +17,7 @@ from stadera.process import one_thread
 from stadera.robot import load_robot
 from stadera.robot.limbs import place_of
 from stadera.robot.model import Robot
+from stadera.trunk.load import SIGNIFICANT
 from stadera.trunk.memory import Memory
 from stadera.trunk.registry import method_of
 from stadera.trust import Trust
@@ -105,22 +107,19 @@ def weigh(
         at,
     )
     _check_request(request, source, others)
-    return _with_doubts_of_model(weighed(request, source), said, force)
+    return _with_doubts_of_model(weighed(request, source), said, force, on_scale=weight is not None)
 
 
-def _with_doubts_of_model(result: Weighing, said: tuple[str, ...], force: bool) -> Weighing:
+def _with_doubts_of_model(result: Weighing, said: tuple[str, ...], force: bool, *, on_scale: bool) -> Weighing:
     """The result with notes, and with what its robot's legs and mass say of its trust. Raises UntrustedError: it is not
     to be trusted, and not forced.
     """
     if result.trust.verdict == "bad" and not force:
         raise UntrustedError(f"{result.source}: not to be trusted: {'; '.join(result.trust.reasons)}")
     trust = result.trust.with_legs(result.robot.distrust)
-    if kin := _other_robots(result.robot, result):
-        if result.payload is None:
-            said = (*said, f"{kin}; or it carries a load")
-        else:
-            trust = trust.at_most("doubtful", f"{kin}; or it carried a load at the tare")
-    return replace(result, trust=trust, notes=(*said, *result.notes))
+    doubt, note = _of_its_mass(result, on_scale)
+    trust = trust.at_most("doubtful", doubt) if doubt else trust
+    return replace(result, trust=trust, notes=(*said, *filter(None, [note]), *result.notes))
 
 
 def _choose_method(log: CheckedLog, others: list[CheckedLog], settings: WeighSettings) -> str:
@@ -190,16 +189,24 @@ def _range(tare: object) -> tuple[float, float] | Log | None:
     return tare  # type: ignore[return-value]
 
 
-def _other_robots(robot: Robot, result: Weighing) -> str:
-    """Says that the robot, as it was at the tare, is as heavy as another one known by name; empty if it is not."""
+def _of_its_mass(result: Weighing, on_scale: bool) -> tuple[str, str]:
+    """A doubt and a note, or empty, if the robot as it was at the tare is as heavy as another one known by name, or far
+    heavier than its model, and not on a scale.
+    """
+    robot, payload, limits = result.robot, result.payload, CheckLimits()
     if not np.isfinite(result.mass):
-        return ""
-    added = 0.0 if result.payload is None or result.payload.at else result.payload.mass
+        return "", ""
+    added = 0.0 if payload is None or payload.at else payload.mass
     mass = robot.mass + result.mass - robot.inertias[robot.trunk].mass - added
-    others = other_robots(robot, mass, result.payload is None)
-    what = "with all that is on it" if result.payload is None else "without the payload"
-    has = f"the robot has {mass:.3g} kg {what}, {robot.name} {robot.mass:.3g} kg"
-    return f"{has}: perhaps it is {' or '.join(others[:3])}" if others else ""
+    what = "with all that is on it" if payload is None else "without the payload"
+    has, ratio = f"the robot has {mass:.3g} kg {what}, {robot.name} {robot.mass:.3g} kg", mass / robot.mass
+    if others := other_robots(robot, mass, payload is None):
+        text = f"{has}: perhaps it is {' or '.join(others[:3])}; or it"
+        return ("", f"{text} carries a load") if payload is None else (f"{text} carried a load at the tare", "")
+    if payload is None or on_scale or ratio - 1.0 < max(limits.bare, SIGNIFICANT * result.mass_std / robot.mass):
+        return "", ""
+    larger = f"all torques are up to {ratio:.2g} times too large, and the payload with them"
+    return "", f"{has}: something is on it that the model lacks, or {larger}; a scale tells (--weight)"
 
 
 def _in_time_of(log: CheckedLog, tare: tuple[float, float]) -> tuple[float, float]:
