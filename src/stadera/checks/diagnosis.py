@@ -3,10 +3,10 @@
 Units that are not SI, sensors that stop, an IMU that does not show gravity or is rotated, joints in another order,
 torques of another sign: each yields a plausible but wrong weight. So values are compared with what is possible
 (`signals`), all sensors together with the statics of a robot on its feet (`statics`) and with its motion
-(`residual`), and common mistakes are tested as explanations (`hypotheses`, `torques`). A hypothesis is confirmed if the
-log without the fault fits itself: on average if all impossible properties are gone and the cost is a small share, in
-motion if the cost is reduced by more than chance. Of several, the one of least cost is chosen, and those that fit
-equally well are named with it.
+(`residual`), and common mistakes are tested as explanations (`hypotheses`, `torques`, `limbs`). A hypothesis is
+confirmed if the log without the fault fits itself: on average if all impossible properties are gone and the cost is a
+small share, in motion if the cost is reduced by more than chance. Of several, the one of least cost is chosen, and
+those that fit equally well are named with it.
 
 Undetectable on a robot that stands still: swapped left and right or front and hind legs, and an IMU rotated about the
 vertical. They look right until the trunk tilts or the load shifts.
@@ -21,6 +21,7 @@ import numpy as np
 from stadera.checks.finding import Finding
 from stadera.checks.hypotheses import Hypothesis, hypotheses_at_rest, hypotheses_in_motion, torque_scales
 from stadera.checks.instants import Instants
+from stadera.checks.limbs import LimbFooting, misread_limbs
 from stadera.checks.limits import CheckLimits
 from stadera.checks.other_robot import or_other_robot
 from stadera.checks.residual import Footing, Gain
@@ -67,6 +68,8 @@ def diagnose(
         return tuple(found)
     if len(blocks):
         found += _contradictions(Footing(robot, blocks, limits), mount)
+    if not any(finding.fatal for finding in found):
+        found += _of_limbs(recording, robot, mount, limits)
     return tuple(or_other_robot(finding, recording, robot) for finding in found)
 
 
@@ -258,6 +261,19 @@ def _of_torques(footing: Footing, mount: ImuMount | None) -> Iterator[Finding]:
     elif footing.lively <= footing.limits.lively_share:
         for push in pushing_at_rest(footing):
             yield Finding("pushing", f"{push}; let the robot sway to decide it")
+
+
+def _of_limbs(recording: Recording, robot: Robot, mount: ImuMount | None, limits: CheckLimits) -> Iterator[Finding]:
+    """Arms that are exchanged, joints outside the legs with the other sign, or torques that do not fit their motion."""
+    footing = LimbFooting.of(recording, robot, mount, limits)
+    if footing is None:
+        return
+    if misread := misread_limbs(footing):
+        odds = f"(likelihood higher by e^{0.5 * misread[1]:.0f}, allowing for friction, loads and errors of models)"
+        yield _named(misread[0], f"without that the torques follow from the motion {odds}", mount)
+    elif (left := footing.left) > limits.limb_fits:
+        text = f"torques of joints outside the legs do not follow from their motion: {100 * left:.2g} % of their limits"
+        yield Finding("limb_torques", f"{text} remains; what they say of a load and its place may be wrong")
 
 
 @dataclass(frozen=True, eq=False)

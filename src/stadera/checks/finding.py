@@ -26,8 +26,8 @@ FATAL = (
 class Finding:
     """A fault of a log."""
 
-    # one word: one of FATAL, or dropout, pushing, torque_order, torque_step, no_gyro, not_on_feet, contradiction; or
-    # stuck, velocity, position, effort, of part of a log
+    # one word: one of FATAL, or dropout, pushing, torque_order, torque_step, limb_torques, no_gyro, not_on_feet,
+    # contradiction; or stuck, velocity, position, effort, of part of a log
     cause: str
     message: str  # the fault and the evidence for it, one sentence
     # command-line option that corrects it, such as "--units deg"; empty if there is none besides `--fix`

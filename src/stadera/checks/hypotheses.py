@@ -9,6 +9,7 @@ import numpy as np
 from stadera.checks.signals import DEGREE
 from stadera.logs.columns import CHANNELS
 from stadera.logs.mend import ACCELEROMETER, GYRO, Mend
+from stadera.robot.limbs import Limbs, inwards
 from stadera.robot.model import Leg, Robot
 from stadera.types import Array
 
@@ -19,6 +20,7 @@ _MOTION, _TORQUES = CHANNELS[:3], CHANNELS[3:]
 _WHICH = {"": CHANNELS, "the torques of ": _TORQUES, "the positions of ": _MOTION}
 _BY_NAMES = "--columns MAP.toml with the right names"
 _BY_SIGN = "--columns MAP.toml with factor = -1"
+_BY_FACTOR = "--columns MAP.toml with factor = 0.0174533"
 _TORQUE_UNITS = {"mNm": 1e-3, "kNm": 1e3}
 
 
@@ -70,7 +72,7 @@ def hypotheses_in_motion(robot: Robot, most: int) -> Iterator[Hypothesis]:
         if order in mirrored or sum(a != b for a, b in enumerate(order)) == 2:
             yield from parts
     yield from _joint_signs(robot)
-    yield from (whole for _, whole in joint_signs(robot))
+    yield from (whole for _, whole in joint_signs(j for leg in legs for j in leg))
     for quarters in (1, 2, 3):
         c, s = round(np.cos(quarters * np.pi / 2)), round(np.sin(quarters * np.pi / 2))
         turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
@@ -87,13 +89,33 @@ def torque_orders(robot: Robot, most: int) -> Iterator[Hypothesis]:
         yield from _reordered(robot, what, [robot.legs[k].joints for k in order], ("the torques of ",))
 
 
-def joint_signs(robot: Robot) -> Iterator[tuple[Hypothesis, Hypothesis]]:
-    """Yields hypotheses of one leg joint's torque with the other sign, and of all of that joint's values."""
-    for joint in (joint for leg in robot.legs for joint in leg.joints):
+def joint_signs(joints: Iterable[str]) -> Iterator[tuple[Hypothesis, Hypothesis]]:
+    """Yields hypotheses of one joint's torque with the other sign, and of all of that joint's values."""
+    for joint in joints:
         yield (
             _flipped(f"the sign of the torque of {joint!r} is reversed", [joint]),
             _flipped(f"the signs of all values of {joint!r} are reversed", [joint], "joint_signs", CHANNELS),
         )
+
+
+def limb_faults(robot: Robot, *, degrees: bool) -> Iterator[Hypothesis]:
+    """Yields hypotheses of limbs besides the legs: alike ones exchanged, joints with the other sign, and positions in
+    `degrees`.
+    """
+    extra, limbs = robot.extra, Limbs.of(robot)
+    if extra is None:
+        return
+    for one, other in limbs.hands:
+        chains = ([extra.joints[k] for k in inwards(extra, end)] for end in (one, other))
+        pairs = [*zip(*chains, strict=True)]
+        both = [*pairs, *(pair[::-1] for pair in pairs)]
+        yield from _exchanged(f"the arms of {extra.links[one]} and {extra.links[other]}", both, _WHICH)
+    joints = [extra.joints[k] for k in limbs.joints]
+    for pair in joint_signs(joints):
+        yield from pair
+    text = "the positions of the joints outside the legs are in degrees"
+    if degrees:
+        yield Hypothesis("position_unit", text, _factored(joints, _MOTION, DEGREE, f"{text}, converted"), _BY_FACTOR)
 
 
 def torque_scales(robot: Robot, loads: Array, lightest: float, heaviest: float) -> Iterator[Hypothesis]:
@@ -194,6 +216,11 @@ def _of_kinds(legs: Sequence[Leg], kinds: Sequence[int]) -> list[str]:
 def _reordered(robot: Robot, what: str, taken: Sequence[Sequence[str]], which: Iterable[str]) -> Iterator[Hypothesis]:
     """The values of joints are recorded as those of others, `taken`, by leg."""
     pairs = [(a, b) for leg, own in zip(robot.legs, taken, strict=True) for a, b in zip(leg.joints, own, strict=True)]
+    yield from _exchanged(what, pairs, which)
+
+
+def _exchanged(what: str, pairs: Sequence[tuple[str, str]], which: Iterable[str]) -> Iterator[Hypothesis]:
+    """The values of the first joint of each pair are recorded as those of the second."""
     for name in which:
         text = f"{name}{what} are swapped"
         swapped = {(channel, joint): source for channel in _WHICH[name] for joint, source in pairs if joint != source}

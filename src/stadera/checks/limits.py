@@ -116,6 +116,12 @@ class CheckLimits:
     # the same with an unknown force from outside in every second, above which such a force is not mistaken for the
     # order, and `--fix` corrects it. Pushes of a swaying Go2 reach 60.
     order_certain: float = 150.0
+    # the same for joints of limbs with the other sign. The largest of 36 sound simulated logs of three robots is 42, of
+    # wrists whose friction exceeds what they carry; true ones that are named have 340 to 3300.
+    limb_gain: float = 100.0
+    # what remains of the limbs' torques, share of their limits, above which something is wrong with them: sound ones
+    # leave 0.004 to 0.022, waist joints in place of the arms' 0.05, positions in degrees 0.08
+    limb_fits: float = 0.04
     # number of instants, of 40 ms, by which the IMU may be late or early
     late_instants: int = 5
     # step_span, step_side: time before and after a possible step of a torque that is tested, most and least [s]

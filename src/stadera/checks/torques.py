@@ -55,13 +55,13 @@ from stadera.body import Motion, State, discounted
 from stadera.body.friction import direction
 from stadera.checks.finding import Finding
 from stadera.checks.hypotheses import Hypothesis, joint_signs, mirrors, torque_orders
-from stadera.checks.limits import CheckLimits
+from stadera.checks.likelihood import Likelihood, Products, explained, less
 from stadera.checks.residual import Footing, Gain
 from stadera.checks.statics import Consistency
 from stadera.inertia import skews
 from stadera.logs.mend import AS_RECORDED, Mend
 from stadera.trunk.block_rows import unit_of_rows
-from stadera.trunk.error_model import QUIETEST, ErrorModel
+from stadera.trunk.error_model import ErrorModel
 from stadera.trunk.history import wide_prior
 from stadera.trunk.settings import ModelErrors
 from stadera.trunk.wrench import TRUNK_MAP, trunk_signals, wrench_of_specific_force
@@ -156,55 +156,13 @@ class TrunkRows:
         group, outside = np.repeat(self.footing.blocks.group, 6), 10.0 * np.tile(np.eye(6), (len(self.matrix) // 6, 1))
         matrix = np.hstack([self.matrix, outside]) if pushed else self.matrix
         each = [np.flatnonzero(group == one) for one in np.unique(group)]
-        return [(at, _explained(matrix[at], self.footing.limits)) for at in each]
+        return [(at, explained(matrix[at], self.footing.limits.loose)) for at in each]
 
-    def fitted(self, products: Array, counts: Array) -> Likelihood:
-        """Of products and numbers of rows by second."""
-        sized = self.root.T @ products.sum(axis=0) @ self.root
-        return Likelihood.of(sized, int(counts.sum()), self.footing.limits.order_repeated)
-
-    def by_second(self, seconds: list[Second], undo: Mend = AS_RECORDED) -> tuple[Array, Array]:
-        """Products of b and C (seconds, 1 + p, 1 + p) after what is another one in every second is eliminated, and
-        numbers of rows less what that has.
-        """
-        columns = self.columns(undo)
+    def by_second(self, seconds: list[Second], undo: Mend = AS_RECORDED) -> Products:
+        """Of the log after a correction, without what is another one in every second."""
+        columns = self.columns(undo) @ self.root
         counts = [max(len(at) - basis.shape[1], 0) for at, basis in seconds]
-        return np.array([_less(columns[at], basis) for at, basis in seconds]), np.array(counts, dtype=float)
-
-
-def _explained(matrix: Array, limits: CheckLimits) -> Array:
-    """A basis (n, k) of what a matrix (n, k) explains, with a weak prior."""
-    weak = limits.loose * np.eye(matrix.shape[1])
-    return np.asarray(np.linalg.qr(np.vstack([matrix, weak]))[0][: len(matrix)])
-
-
-def _less(columns: Array, basis: Array) -> Array:
-    """Products of columns after what a basis explains of them is taken out."""
-    explained = basis.T @ columns
-    return np.asarray(columns.T @ columns - explained.T @ explained)
-
-
-@dataclass(frozen=True, eq=False)
-class Likelihood:
-    """Of rows from which θ was eliminated, with p in units of its usual size."""
-
-    cost: float  # -2 log L
-    variance: float  # s² k of a row
-    # value, vector: eigenvalues and vectors of Cᵀ C, with p in units of its usual size
-    value: Array
-    vector: Array
-
-    @classmethod
-    def of(cls, products: Array, count: int, repeated: float) -> Likelihood:
-        """From the products of b and C, (1 + p, 1 + p), over `count` rows, of which `repeated` share an error."""
-        value, vector = np.linalg.eigh(products[1:, 1:])
-        value, along = np.maximum(value, 0.0), (vector.T @ products[1:, 0]) ** 2
-        scales = QUIETEST * 10.0 ** np.arange(0.0, 4.0, 0.125)  # s², in rows of 1 % of the weight
-        k = repeated * scales[:, None]
-        squares = (products[0, 0] - (along / (k + value)).sum(axis=1)) / k[:, 0]
-        costs = squares + count / repeated * np.log(scales) + np.log1p(value / k).sum(axis=1)
-        best = int(np.argmin(costs))
-        return cls(float(costs[best]), float(k[best, 0]), value, vector)
+        return Products(np.array([less(columns[at], basis) for at, basis in seconds]), np.array(counts, dtype=float))
 
 
 def likelier(now: Footing, other: Footing) -> bool:
@@ -215,7 +173,7 @@ def likelier(now: Footing, other: Footing) -> bool:
     for rows in (TrunkRows.of(now), TrunkRows.of(other)):
         if rows is None:
             return False
-        costs.append(rows.fitted(*rows.by_second(rows.seconds())).cost)
+        costs.append(rows.by_second(rows.seconds()).likelihood(now.limits.order_repeated).cost)
     return bool(costs[0] - costs[1] > now.limits.order_gain)
 
 
@@ -231,11 +189,15 @@ def misread_in_motion(footing: Footing) -> tuple[list[Hypothesis], float] | None
         return None
 
     # friction of joints that rest turns with no motion, and takes any sign
-    signs = dict(joint_signs(footing.robot)) if footing.lively > limits.step_lively else {}
+    signs = (
+        dict(joint_signs(j for leg in footing.robot.legs for j in leg.joints))
+        if footing.lively > limits.step_lively
+        else {}
+    )
     recorded, alone = Hypothesis("", "as recorded", AS_RECORDED), rows.seconds()
     hypotheses = (recorded, *torque_orders(footing.robot, limits.orders), *signs)
     seconds = {one: rows.by_second(alone, one.undo) for one in hypotheses}
-    fits = {one: rows.fitted(*each) for one, each in seconds.items()}
+    fits = {one: each.likelihood(limits.order_repeated) for one, each in seconds.items()}
     ranked = sorted(fits, key=lambda one: fits[one].cost)
     if fits[recorded].cost - fits[ranked[0]].cost <= limits.order_gain:
         return None
@@ -248,25 +210,14 @@ def misread_in_motion(footing: Footing) -> tuple[list[Hypothesis], float] | None
     error = 0.01 * np.sqrt(fit.variance / limits.order_repeated)
     if best is recorded or fits[rival].cost - fit.cost <= limits.order_gain or error > limits.order_fits:
         return None
-    if not _gains_always(rows, seconds[recorded], seconds[best]) or (
-        best in signs and not _shows_sign(rows.footing, best)
-    ):
+    always = seconds[recorded].gains_always(seconds[best], 0.5 * limits.order_gain, limits.order_repeated)
+    if not always or (best in signs and not _shows_sign(rows.footing, best)):
         return None
     pushed = rows.seconds(pushed=True)
-    now, other = (rows.fitted(*rows.by_second(pushed, one.undo)) for one in (recorded, best))
+    now, other = (rows.by_second(pushed, one.undo).likelihood(limits.order_repeated) for one in (recorded, best))
     known = now.cost - other.cost > limits.order_certain
     named = _whose_sign(rows.footing, best, signs[best]) if best in signs else [best]
     return [replace(one, known=known) for one in named], fits[recorded].cost - fit.cost
-
-
-def _gains_always(rows: TrunkRows, now: tuple[Array, Array], other: tuple[Array, Array]) -> bool:
-    """True if a log gains over another one without any one second, too; by the products of both by second."""
-
-    def without(k: int) -> float:
-        costs = [rows.fitted(*(np.delete(part, k, axis=0) for part in each)).cost for each in (now, other)]
-        return costs[0] - costs[1]
-
-    return all(without(k) > 0.5 * rows.footing.limits.order_gain for k in range(len(now[1])))
 
 
 def _shows_sign(footing: Footing, sign: Hypothesis) -> bool:
@@ -383,7 +334,9 @@ def _landed(rows: TrunkRows, recorded: Array, spans: Sequence[tuple[slice, int]]
         part, after = slice(6 * span.start, 6 * span.stop), (np.arange(6 * (span.stop - span.start)) >= 6 * at)[:, None]
         A, values = rows.matrix[part], recorded[part]
         without, with_load = (
-            Likelihood.of(_less(values, _explained(matrix, limits)), len(A) - matrix.shape[1], limits.order_repeated)
+            Likelihood.of(
+                less(values, explained(matrix, limits.loose)), len(A) - matrix.shape[1], limits.order_repeated
+            )
             for matrix in (A, np.hstack([A, A[:, :4] * after]))
         )
         return without.cost - with_load.cost
@@ -404,7 +357,7 @@ def _tested(rows: TrunkRows, recorded: Array, landed: int, span: slice, at: int)
     errors = np.hstack([both, offset * after * rows.held * np.repeat(rests, 6, axis=0)])
     columns, p = np.hstack([errors, offset * after, offset]), errors.shape[1]
     trunk = np.hstack([A, A[:, :4] * after, A[:, :4] * loaded])
-    products = _less(columns, _explained(trunk, limits))
+    products = less(columns, explained(trunk, limits.loose))
     fit = Likelihood.of(products[:p, :p], len(A) - trunk.shape[1], limits.order_repeated)
     if fit.variance > limits.order_repeated * limits.step_scatter**2:
         return np.full((2, n), -np.inf), np.zeros((2, n))

@@ -12,7 +12,7 @@ import numpy as np
 from stadera.constants import GRAVITY
 from stadera.errors import RecordingError
 from stadera.joint_words import by_part
-from stadera.logs.columns import CHANNELS
+from stadera.logs.columns import CHANNELS, OTHER_CHANNELS
 from stadera.logs.recording import Imu, Recording
 from stadera.types import Array
 
@@ -46,7 +46,11 @@ class Mend:
         channels = {c: getattr(scaled, c) for c in CHANNELS}
         kept = {c: self.of_joints(c, v, recording.joints) for c, v in channels.items() if v is not None}
         imu = None if scaled.imu is None else self._imu(scaled.imu)
-        return replace(scaled, **kept, imu=imu)  # type: ignore[arg-type]
+        if (others := scaled.others) is not None:
+            moved = {c: getattr(others, c) for c in OTHER_CHANNELS}
+            moved = {c: self.of_joints(c, v, others.names) for c, v in moved.items() if v is not None}
+            others = replace(others, **moved)
+        return replace(scaled, **kept, imu=imu, others=others)  # type: ignore[arg-type]
 
     def _scaled(self, name: str, values: Array) -> Array:
         quantity = name.removeprefix("others.")

@@ -71,15 +71,22 @@ class LimbRows:
         Args:
             effort: (n, l), of the limbs' joints; zero throughout a block where it is not known.
         """
-        J, s = self.joints, direction(window.line(motion.velocity[:, self.joints]))
-        q, v = motion.acceleration[:, J], motion.velocity[:, J]
-        terms = np.stack([q, v, s, np.ones_like(s), effort], axis=-1)
         known = np.logical_or.reduceat(effort != 0.0, window.edges[:-1], axis=0)[:, None].astype(float)
+        each = self.at(motion, window.line(motion.velocity[:, self.joints]), state, effort)
+        sums = {name: window.sums(window.halves, values) for name, values in each.items()}
+        for name in LIMB_SUMS[:3]:
+            sums[name] *= known.reshape(*known.shape, *[1] * (sums[name].ndim - 3))
+        return sums
+
+    def at(self, motion: Motion, sliding: Array, state: State, effort: Array) -> dict[str, Array]:
+        """What `sums` are of, at n samples; the velocities `sliding` (n, l) determine the direction of friction."""
+        J, s = self.joints, direction(sliding)
+        q, v = motion.acceleration[:, J], motion.velocity[:, J]
         return {
-            "limb_terms": window.sums(window.halves, terms) * known[..., None],
-            "limb_left": window.sums(window.halves, effort - state.torque[:, J]) * known,
-            "limb_columns": window.sums(window.halves, self._columns(state)) * known[..., None, None],
-            "limb_motion": window.sums(window.halves, np.stack([v, q], axis=-1)),
+            "limb_terms": np.stack([q, v, s, np.ones_like(s), effort], axis=-1),
+            "limb_left": effort - state.torque[:, J],
+            "limb_columns": self._columns(state),
+            "limb_motion": np.stack([v, q], axis=-1),
         }
 
     def _columns(self, state: State) -> Array:

@@ -165,8 +165,12 @@ def log_odds(
     here = np.pad(shown, ((0, 0), (0, len(changing))))
     then = np.zeros((len(changing), here.shape[1]))
     then[:, shown.shape[1] :] = root[np.ix_(changing, changing)]
-    base = since.beyond
-    normal, along = here.T @ base[1:, 1:] @ here, here.T @ base[1:, 0]
+    earlier = here.copy()
+    earlier[changing] = then
+    base, limbs = since.beyond, since.louder * before.of_limbs
+    normal = here.T @ base[1:, 1:] @ here + earlier.T @ limbs[1:, 1:] @ earlier
+    along = here.T @ base[1:, 0] + earlier.T @ limbs[1:, 0]
+    rows = since.count + since.limb_count + before.limb_count
     found = [solve(since, Held(at, before), since.louder) for at in places]
 
     def evaluated(loud: float) -> list[tuple[float, float]]:
@@ -186,11 +190,11 @@ def log_odds(
             lower = lapack.dpotrf(own, lower=1)[0]
             away = lapack.dtrtrs(lower, away, lower=1)[0]
             spread = 2.0 * float(np.log(sizes).sum() + np.log(lower.diagonal()).sum())
-            out.append((float(base[0, 0] - half @ half + away @ away), spread))
+            out.append((float(base[0, 0] + limbs[0, 0] - half @ half + away @ away), spread))
         return out
 
     least = min(energy for energy, _ in evaluated(repeats))
-    loud = repeats * max(least / max(since.count + since.limb_count, 1.0), QUIETEST)
+    loud = repeats * max(least / max(rows, 1.0), QUIETEST)
     return np.array(
         [
             -0.5 * (energy / loud + spread + _determined(each.root, wide, loud))

@@ -26,11 +26,11 @@ class Whereabouts:
     """Places where a load may be, and how likely each is.
 
     Args:
-        robot: the model. at: the link or frame on which the load is; None to compare places.
+        robot: the model. at: the link or frame on which the load is, as its owner says; None if he does not.
 
     Attributes:
         places: links besides the trunk, in the order of the rows' columns.
-        candidates: what is compared.
+        candidates: what is compared; first the place that the load is taken to be at before any row.
         probability: (candidates,), of the present load; NaN where nothing tells.
 
     Raises:
@@ -38,17 +38,19 @@ class Whereabouts:
     """
 
     def __init__(self, robot: Robot, at: str | None = None) -> None:
-        limbs, extra = Limbs.of(robot), robot.extra
-        self._trunk = Place(robot.trunk, -1, np.eye(3), np.zeros(3)) if at is None else place_of(robot, at)
-        self.places: tuple[Place, ...] = ()
-        self.candidates: tuple[Blocks, ...] = ((0,),)
-        if at is not None and self._trunk.body >= 0:
-            self.places, self.candidates = (self._trunk,), ((1,),)
-        elif at is None and extra is not None:
-            self.places = tuple(place_of(robot, extra.links[k]) for k in limbs.ends)
-            own = {k: 1 + i for i, k in enumerate(limbs.ends)}
-            both = ((own[one], own[other]) for one, other in limbs.hands)
-            self.candidates = ((0,), *((k,) for k in own.values()), *both)
+        limbs, extra, n = Limbs.of(robot), robot.extra, len(robot.tree.joints)
+        said = Place(robot.trunk, -1, np.eye(3), np.zeros(3)) if at is None else place_of(robot, at)
+        own = {n + k: place_of(robot, extra.links[k]) for k in limbs.ends} if extra is not None else {}
+        if said.body >= 0:
+            own[said.body] = said
+        self._trunk = said if said.body < 0 else Place(robot.trunk, -1, np.eye(3), np.zeros(3))
+        self._fixed = at is not None
+        self.places = tuple(own.values())
+        number = {body: 1 + k for k, body in enumerate(own)}
+        first = number.get(said.body, 0)
+        alone = sorted(range(1 + len(own)), key=lambda k: k != first)
+        both = ((number[n + one], number[n + other]) for one, other in limbs.hands)
+        self.candidates: tuple[Blocks, ...] = (*((k,) for k in alone), *both)
         self.probability = np.full(len(self.candidates), np.nan)
         self._model = robot.inertias[robot.trunk].mass, _AS_MODELLED * robot.mass
 
@@ -61,7 +63,8 @@ class Whereabouts:
 
     def look(self, history: History, errors: Errors, repeats: float, certain: float) -> bool:
         """Compares the places by the rows since the present load came. Moves the load from the trunk to the
-        likeliest if that is `certain`, from elsewhere if it is likelier than not; returns whether it did.
+        likeliest if that is `certain`, from elsewhere if it is likelier than not, and nobody said where it is; returns
+        whether it did.
         """
         since = history.since_load
         if since is None or history.before is None or len(self.candidates) == 1:
@@ -74,7 +77,7 @@ class Whereabouts:
         self.probability = share / share.sum()
         best = self.candidates[int(np.argmax(odds))]
         enough = certain if history.at == (0,) else 0.5  # else it would stay where another place is likelier
-        if best == history.at or self.probability.max() < enough:
+        if self._fixed or best == history.at or self.probability.max() < enough:
             return False
         history.move(best)
         return True

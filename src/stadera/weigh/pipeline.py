@@ -97,22 +97,24 @@ def trust_now(estimator: Weigher, learnt: float | None = None, begin: float = 0.
     return trust.at_most(verdict, f"as known at {at - begin:.2f} s; nothing was learnt after it: {estimate.reason}")
 
 
-def whereabouts(payload: Payload | None, trunk: str) -> str:
-    """Where a payload is, and how sure that is, one sentence; empty if that was not asked, or without a payload.
+def whereabouts(payload: Payload, trunk: str, said: str | None, contradicted: float) -> tuple[str, str]:
+    """A doubt and a note, or empty, of where a payload is and how sure that is.
 
     Args:
-        trunk: name of the trunk's link.
+        trunk: name of the trunk's link. said: where its owner says that it is; None if he does not.
+        contradicted: odds of another place above which that is doubted.
     """
-    if payload is None or not payload.places or abs(payload.mass) < SIGNIFICANT * payload.mass_std:
-        return ""
     best, second = sorted(payload.places.items(), key=lambda item: -item[1])[:2]
-    if best[0] != (at := payload.at or trunk):
-        return (
-            f"the load is taken to be at {at}, and cannot be told from one at {best[0]}: --at LINK says where "
-            "it is, and motion of the limbs, or their torques in the log, show it"
-        )
-    odds = best[1] / max(second[1], 1e-12)
-    return f"the load is at {best[0]}, by odds of {min(odds, 1e6):.2g} to 1 against {second[0]}"
+    at = said or payload.at or trunk
+    odds = best[1] / max(payload.places.get(at, 0.0) if best[0] != at else second[1], 1e-12)
+    by = f"by odds of {min(odds, 1e6):.2g} to 1 against"
+    if said:
+        wrong = best[0] != at and odds > contradicted
+        return f"the load is said to be at {at}, but it is at {best[0]}, {by} {at}" if wrong else "", ""
+    if best[0] != at:
+        taken = f"the load is taken to be at {at}, and cannot be told from one at {best[0]}"
+        return "", f"{taken}: --at LINK says where it is, and motion of the limbs, or their torques in the log, show it"
+    return "", f"the load is at {best[0]}, {by} {second[0]}"
 
 
 def _without_imu(vertical: Vertical | None) -> Iterator[str]:
@@ -237,6 +239,8 @@ class _LogPass:
         time, values, stds, added = (np.array(column) for column in zip(*self._entries, strict=True))
         line = Timeline(time, values[:, 0], stds[:, 0], values[:, 1:], stds[:, 1:], None if payload is None else added)
         trust, stood = self._lowered(trust, payload, logs), self._footprint.stance
+        elsewhere, place = self._whereabouts(payload)
+        trust = trust.at_most("doubtful", elsewhere) if elsewhere else trust
         more = {name: getattr(estimator, name, None) for name in (_AT_REST if self._method.at_rest else _IN_MOTION)}
         return Weighing(
             robot=self._request.robot,
@@ -258,8 +262,7 @@ class _LogPass:
                 *_without_imu(more.get("vertical")),
                 *dict.fromkeys(note for read in logs for note in read.notes),
                 *self._uncovered(),
-                *filter(None, [whereabouts(payload, self._request.robot.trunk)]),
-                *filter(None, [said]),
+                *filter(None, [place, said]),
             ),
             memory=memory,
             stance=None if stood is None else Stance(level_axes(stood[0]), stood[1]),
@@ -268,6 +271,15 @@ class _LogPass:
         )
 
     # -- inside -----------------------------------------------------------------------------------------------
+    def _whereabouts(self, payload: Payload | None) -> tuple[str, str]:
+        """A doubt and a note of where a load is, if there is one and places were compared."""
+        request = self._request
+        if payload is None or not payload.places:
+            return "", ""
+        if abs(payload.mass) < SIGNIFICANT * payload.mass_std and not (request.at and self._changes(payload)):
+            return "", ""
+        return whereabouts(payload, request.robot.trunk, request.at, request.settings.contradicted)
+
     def _require_learnt(self, estimate: TrunkEstimate) -> None:
         """Raises IdentificationError: nothing was learnt, or nothing after the tare."""
         log, refused = self.log, self._refused

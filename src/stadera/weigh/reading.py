@@ -33,6 +33,7 @@ _VERDICTS: dict[str, Verdict] = {
     "not_on_feet": "bad",
     "torque_order": "doubtful",
     "torque_step": "doubtful",
+    "limb_torques": "doubtful",
     "pushing": "doubtful",
     "no_gyro": "doubtful",
 }

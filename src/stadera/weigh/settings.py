@@ -46,6 +46,7 @@ class WeighSettings:
         window: length of the windows in which encoders, torques and IMU are compared in such a log [s].
         tare_change: change of the load within the tare's time above which there is no tare, share of the robot's mass
             [1]; the beginning of a simulated trot with real errors looks like one of 4 %.
+        contradicted: odds of another place above which the one that the owner names is doubted [1].
     """
 
     least_rate: float = 50.0
@@ -60,6 +61,7 @@ class WeighSettings:
     model: AgreementLimits = field(default_factory=AgreementLimits)
     window: float = 0.5
     tare_change: float = 0.05
+    contradicted: float = 1000.0
 
     def __post_init__(self) -> None:
         numbers = [f.name for f in fields(self) if f.name not in ("trunk", "windows", "model")]
