@@ -132,7 +132,7 @@ def test_blank_cells_are_dropouts_dropped_and_counted(tmp_path: Path) -> None:
         (["0,1,2,3", "1,1"], r"2 cells instead of 4 at sample 1"),
         (["0,1,2,3"], r"too few samples: 1"),
         ([], r"too few samples: 0"),
-        (["0,,2,3", "1,,2,3"], r"too few samples: 0 without blank cells among 2"),
+        (["0,,2,3", "1,,2,3"], r"too few samples: 0 without blank cells among 2, .*; 'LF_HAA.position' is blank in 2"),
     ],
 )
 def test_bad_values_name_file_column_and_sample(tmp_path: Path, rows: list[str], message: str) -> None:

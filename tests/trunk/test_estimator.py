@@ -373,6 +373,17 @@ def test_baselines_come_near(method: type[LeastSquaresTrunk] | type[RlsTrunk] | 
     assert estimator.estimate().observed[3] == (method is not KalmanTrunk)
 
 
+def test_joints_in_another_order_are_all_there_once() -> None:
+    robot = load_robot("hyq")
+    joints = robot.tree.joints
+    with pytest.raises(StaderaError, match=f"have joint '{joints[0]}' twice"):
+        TrunkEstimator(robot, joints=(*joints, joints[0]))
+    with pytest.raises(StaderaError, match=f"unknown joint 'knee'; valid: {joints[-1]}"):
+        TrunkEstimator(robot, joints=(*joints[:-1], "knee"))
+    with pytest.raises(StaderaError, match=f"unknown joint '{joints[-1]}'"):
+        TrunkEstimator(robot, joints=joints[:-1])
+
+
 def test_bad_settings_are_named() -> None:
     with pytest.raises(ModelError, match="gain"):
         ModelErrors(gain=-0.1)

@@ -330,8 +330,9 @@ def _summed(job: Job, training: Part) -> tuple[Gathered, ...]:
         by_joint = _summed_up(_rows(job, task, training), task)
         known = dict(task.fixed) | {LAG: 0.0}
         free = [found.fix(known) for found in by_joint]
-        best = [known | found.least_squares() for found in free]
-        ranks = [found.rank() for found in free]
+        # of no more rows than unknowns a fit leaves nothing: their noise is at most what the model leaves
+        ranks = [rank if found.count > (rank := found.rank()) else 0 for found in free]
+        best = [dict(task.nominal) | known | (f.least_squares() if r else {}) for f, r in zip(free, ranks, strict=True)]
         noise = residual_noise(_rows(job, task, training), task.leg.joints, best, ranks)
         constant = _summed_up(_rows(job, task.constant, training), task.constant) if task.varying else by_joint
         out.append(Gathered(by_joint, *noise, _joint_terms(task, constant), job.lag_std))

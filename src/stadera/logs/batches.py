@@ -67,16 +67,19 @@ def recordings(batches: Iterable[Array], layout: Layout, source: str, rows: int 
         RecordingError: a value is not finite, time is not that of a clock (`RowClock`), or there are fewer than two
             samples. Names the source, the column and the sample, counted from 0 over the whole log.
     """
-    clock, row, samples = RowClock(source), 0, 0
+    clock, row, samples, blanks = RowClock(source), 0, 0, np.zeros(len(layout.columns), dtype=np.int64)
     for batch in _rebatched(in_si(batches, layout), rows):
+        blanks += np.isnan(batch).sum(axis=1)
         chunk = _recording(batch, layout, source, row, clock)
         row += batch.shape[1]
         if chunk is not None:
             samples += len(chunk)
             yield chunk
     if samples < 2:
+        most = int(blanks.argmax())
         blank = f" without blank cells among {row}" if row > samples else ""
-        raise RecordingError(f"{source}: too few samples: {samples}{blank}, at least 2 are needed")
+        where = f"; {layout.columns[most]!r} is blank in {blanks[most]}" if blanks[most] else ""
+        raise RecordingError(f"{source}: too few samples: {samples}{blank}, at least 2 are needed{where}")
 
 
 def within(batches: Iterable[Array], budget: Budget, rows: int | None) -> Iterator[Array]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from math import inf
@@ -68,6 +68,7 @@ class Front:
 
     Raises:
         UnknownNameError: a joint of the robot is not among the given ones.
+        RecordingError: a joint is given twice.
     """
 
     def __init__(
@@ -80,11 +81,15 @@ class Front:
     ) -> None:
         self._robot, self.mount, self._settings = robot, mount, settings
         self._names = tuple(joints) if joints is not None else robot.tree.joints
-        for joint in robot.tree.joints:
-            if joint not in self._names:
-                raise UnknownNameError("joint", joint, list(self._names), "the arrays given to update")
-        self._order = np.array([self._names.index(joint) for joint in robot.tree.joints])
         extra = robot.extra.joints if robot.extra is not None else ()
+        if twice := [joint for joint, count in Counter(self._names).items() if count > 1]:
+            raise RecordingError(f"the arrays given to update have joint {twice[0]!r} twice")
+        if lacking := [joint for joint in robot.tree.joints if joint not in self._names]:
+            other = next((name for name in self._names if name not in (*robot.tree.joints, *extra)), None)
+            if other is not None:
+                raise UnknownNameError("joint", other, lacking, f"the arrays given to update, of {robot.name}")
+            raise UnknownNameError("joint", lacking[0], self._names, "the arrays given to update")
+        self._order = np.array([self._names.index(joint) for joint in robot.tree.joints])
         self._extra_order = {at: self._names.index(joint) for at, joint in enumerate(extra) if joint in self._names}
         limits = [robot.limits[joint] for joint in robot.tree.joints]
         self._stops = np.array([[limit.lower, limit.upper] for limit in limits])
