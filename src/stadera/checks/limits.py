@@ -144,9 +144,9 @@ class CheckLimits:
     # share of instants with motion before and after; and in all, for a joint's sign: squats rest too long for it
     step_lively: float = 0.6
     # scatter of a joint's torque, share of its limit, above which its sign shows: twice Coulomb friction as assumed.
-    # Joints whose sign is reversed scatter by 0.02 to 0.35 in walks, by 0.007 to 0.06 in sways. On a plant of its own, of
-    # 96 sound logs and 95 with a reversed joint, half of it accuses 5 and names 67, this none and 44, three times none
-    # and 13.
+    # Joints whose sign is reversed scatter by 0.02 to 0.35 in walks, by 0.007 to 0.06 in sways. On a plant of its own,
+    # of 96 sound logs and 95 with a reversed joint, half of it accuses 5 and names 67, this none and 44, three times
+    # none and 13.
     sign_torque: float = 0.04
     # scatter of the rows, in % of the weight, above which they are too rough for the test: by legs that swing fast in
     # an instant, a sound crawl with 4 to 5 seems to have knees off by a third of their limit. Clean trots have 1 to

@@ -37,6 +37,9 @@ def reasons(result: Comparison) -> tuple[str, ...]:
     found = []
     for each in result.entries:
         said = (each.refusal,) if each.weighing is None else each.weighing.trust.reasons[:1]
+        payload = None if each.weighing is None else each.weighing.payload
+        if payload is not None and payload.at:
+            said = (*said, f"the payload is at {payload.at}, no part of the trunk's values")
         found += [f"{each.label} on {each.log}: {reason}" for reason in said]
     return tuple(found)
 
