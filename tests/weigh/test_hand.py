@@ -13,7 +13,7 @@ from stadera.inertia import InertialParameters
 from stadera.lab.scenarios.catalog import Load, SimulateSettings
 from stadera.lab.scenarios.run import Run, simulate
 from stadera.logs.mend import changed
-from stadera.logs.recording import Recording
+from stadera.logs.recording import Recording, take
 from stadera.robot import load_robot
 from stadera.robot.model import Robot
 from stadera.weigh import weigh
@@ -135,6 +135,24 @@ def test_arms_that_are_misread_are_named_and_mended(fault: str, read: tuple[Robo
     assert log.others is not None
     for channel in ("position", "velocity", "effort"):
         np.testing.assert_allclose(getattr(mended.others, channel), getattr(log.others, channel))
+
+
+@pytest.mark.parametrize("samples", [2, 5, 30])
+def test_few_samples_say_nothing_of_the_arms(samples: int, read: tuple[Robot, Recording]) -> None:
+    robot, log = read
+    assert not any(each.cause in ("limb_torques", "joint_order") for each in diagnose(take(log, slice(samples)), robot))
+
+
+def test_a_mended_log_is_weighed_as_a_sound_one(robot: Robot, made: Run) -> None:
+    """Also the pose of the arms, at which the trunk contains them, is that of the mended log."""
+    degrees = list(made.recording.joints[12:])
+    factors = np.where(np.isin(made.recording.joints, degrees), 180.0 / np.pi, 1.0)
+    wrong = replace(made.recording, position=made.recording.position * factors, velocity=None)
+    sound = replace(made.recording, velocity=None)
+    found, right = (weigh(robot, log, (0.0, LOADED - 0.5), fix=True) for log in (wrong, sound))
+    np.testing.assert_allclose(found.com, right.com, atol=1e-9)
+    assert found.payload is not None
+    assert found.payload.at == LEFT
 
 
 def test_torques_that_nothing_explains_are_doubted(read: tuple[Robot, Recording]) -> None:

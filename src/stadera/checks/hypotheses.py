@@ -114,6 +114,7 @@ def limb_faults(robot: Robot, *, degrees: bool) -> Iterator[Hypothesis]:
     for pair in joint_signs(joints):
         yield from pair
     text = "the positions of the joints outside the legs are in degrees"
+    joints = [extra.joints[k] for k in limbs.joints if not extra.sliding[k]]
     if degrees:
         yield Hypothesis("position_unit", text, _factored(joints, _MOTION, DEGREE, f"{text}, converted"), _BY_FACTOR)
 

@@ -6,7 +6,7 @@ eliminated from each second, products of b and C with themselves are all that is
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -19,11 +19,13 @@ class Products(NamedTuple):
     """Of b and C, with p in units of its usual size, by second.
 
     Attributes:
-        squares: (seconds, 1 + p, 1 + p). counts: (seconds,), numbers of rows less what θ has.
+        squares: (seconds, 1 + p, 1 + p). counts: (seconds,), numbers of rows, less what θ has if that is free.
+        spreads: (seconds,), ln |1 + Hᵀ H| of θ in units of its usual size; zero if it is free, or H the same in all.
     """
 
     squares: Array
     counts: Array
+    spreads: Array
 
     def without(self, second: int) -> Products:
         """All but one second."""
@@ -31,7 +33,8 @@ class Products(NamedTuple):
 
     def likelihood(self, repeated: float) -> Likelihood:
         """With `repeated` successive instants that share one error."""
-        return Likelihood.of(self.squares.sum(axis=0), int(self.counts.sum()), repeated)
+        found = Likelihood.of(self.squares.sum(axis=0), int(self.counts.sum()), repeated)
+        return replace(found, cost=found.cost + float(self.spreads.sum()))
 
     def gains_always(self, other: Products, least: float, repeated: float) -> bool:
         """True if another log costs less by so much, also without any one second."""

@@ -1,4 +1,4 @@
-"""Hypotheses of limbs besides the legs: arms whose values are exchanged, and joints of the other sign.
+"""Hypotheses of limbs besides the legs: arms whose values are exchanged or in degrees, and joints of the other sign.
 
 What an arm holds is named by its torques, so those of the other arm name the wrong hand, with any certainty. Each
 joint's torque obeys a row of its own, whatever the feet do (`stadera.trunk.limbs`),
@@ -9,7 +9,8 @@ with φ_k a load at the end of each limb, which is another one in every second, 
 rest, and p errors of the drives and links, all of their usual sizes. Their likelihood (`stadera.checks.likelihood`)
 compares the log as recorded with hypotheses: one that explains the torques better than by chance, also without the
 second that it gains most in, and better than any other is true. Arms that hang still side by side show none, nor does
-a joint that carries hardly more than its friction.
+a joint that carries hardly more than its friction. Where none is true and much of the torques remains, something else
+is wrong with them.
 """
 
 from __future__ import annotations
@@ -58,7 +59,8 @@ class LimbFooting:
         extra, others = robot.extra, recording.others
         if extra is None or others is None or others.effort is None or mount is None or recording.effort is None:
             return None
-        if any(extra.joints[k] not in others.names for k in Limbs.of(robot).joints):
+        joints = [extra.joints[k] for k in Limbs.of(robot).joints]
+        if not joints or not set(joints) <= set(others.names):
             return None  # what moves unseen turns what it carries
         k, more = len(extra.joints), extra.states(others, len(recording))
         legs = robot.tree.joints
@@ -72,7 +74,7 @@ class LimbFooting:
             others=None,
         )
         blocks = Instants.of(whole, whole.joints, mount, limits).thinned(limits.motion_instants, limits)
-        return cls(robot, blocks, limits) if blocks.complete else None
+        return cls(robot, blocks, limits) if len(blocks) >= limits.order_fewest and blocks.complete else None
 
     @cached_property
     def _body(self) -> Body:
@@ -111,6 +113,8 @@ class LimbFooting:
         motion, state = self._as_recorded if blocks.position is self.blocks.position else self._moving(blocks)
         samples = self._rows.at(motion, motion.velocity[:, J], state, blocks.effort[:, J])
         still = np.abs(motion.velocity[:, J]) < self.limits.step_slides
+        # velocities at rest are noise, and so are friction's signs
+        samples["limb_terms"][..., :3] *= ~still[..., None]
         rows = self._rows.rows(samples, self._by_mass, still)
         rows /= 0.01 * limb_limits(self.robot)[:, None]
         std, n = np.sqrt(self._model.variance), len(blocks)
@@ -118,12 +122,13 @@ class LimbFooting:
         loads = rows[:, :, 11 + layout.count :].reshape(n, len(J), -1, 10)[..., :4] * wide_prior(self.robot)[:4]
         hidden = np.concatenate([holding, loads.reshape(n, len(J), -1)], axis=2)
         columns = np.concatenate([rows[:, :, 10:11], errors], axis=2)
-        found, counts = [], []
+        found, counts, spreads = [], [], []
         for at in (blocks.group == one for one in np.unique(blocks.group)):
-            basis = explained(hidden[at].reshape(-1, hidden.shape[2]), 1.0)
-            found.append(less(columns[at].reshape(-1, columns.shape[2]), basis))
-            counts.append(max(int(at.sum()) * len(J) - basis.shape[1], 0))
-        return Products(np.array(found), np.array(counts, dtype=float))
+            H = hidden[at].reshape(-1, hidden.shape[2])
+            found.append(less(columns[at].reshape(-1, columns.shape[2]), explained(H, 1.0)))
+            counts.append(len(H))
+            spreads.append(np.linalg.slogdet(np.eye(H.shape[1]) + H.T @ H)[1])
+        return Products(np.array(found), np.array(counts, dtype=float), np.array(spreads))
 
     @cached_property
     def recorded(self) -> Products:
@@ -139,7 +144,8 @@ class LimbFooting:
     @property
     def turned(self) -> bool:
         """True if a joint turns further than any can."""
-        return bool(np.abs(self.blocks.position[:, self._rows.joints]).max() > self.limits.unlimited)
+        turning = self._rows.joints[~self._body.slides[self._rows.joints]]
+        return bool(np.abs(self.blocks.position[:, turning]).max(initial=0.0) > self.limits.unlimited)
 
 
 def misread_limbs(footing: LimbFooting) -> tuple[list[Hypothesis], float] | None:
@@ -151,8 +157,8 @@ def misread_limbs(footing: LimbFooting) -> tuple[list[Hypothesis], float] | None
     costs = {one: each.likelihood(limits.order_repeated).cost for one, each in tried.items()}
     ranked = sorted(costs, key=costs.__getitem__)
     alike = [one for one in ranked if costs[one] - costs[ranked[0]] <= limits.order_gain]
-    gain = recorded.likelihood(limits.order_repeated).cost - costs[ranked[0]] if ranked else 0.0
-    least = limits.order_gain if ranked and ranked[0].undo.swapped else limits.limb_gain
+    gain = recorded.likelihood(limits.order_repeated).cost - costs[ranked[0]]
+    least = limits.order_gain if ranked[0].undo.swapped else limits.limb_gain
     if gain <= least or len(alike) > 2:
         return None
     always = recorded.gains_always(tried[ranked[0]], 0.5 * least, limits.order_repeated)

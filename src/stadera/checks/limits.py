@@ -116,8 +116,8 @@ class CheckLimits:
     # the same with an unknown force from outside in every second, above which such a force is not mistaken for the
     # order, and `--fix` corrects it. Pushes of a swaying Go2 reach 60.
     order_certain: float = 150.0
-    # the same for joints of limbs with the other sign. The largest of 36 sound simulated logs of three robots is 42, of
-    # wrists whose friction exceeds what they carry; true ones that are named have 340 to 3300.
+    # the same for joints of limbs with the other sign, or in degrees. The largest of 36 sound simulated logs of three
+    # robots is 42, of wrists whose friction exceeds what they carry; true ones that are named have 340 to 3300.
     limb_gain: float = 100.0
     # what remains of the limbs' torques, share of their limits, above which something is wrong with them: sound ones
     # leave 0.004 to 0.022, waist joints in place of the arms' 0.05, positions in degrees 0.08

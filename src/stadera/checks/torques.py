@@ -162,7 +162,8 @@ class TrunkRows:
         """Of the log after a correction, without what is another one in every second."""
         columns = self.columns(undo) @ self.root
         counts = [max(len(at) - basis.shape[1], 0) for at, basis in seconds]
-        return Products(np.array([less(columns[at], basis) for at, basis in seconds]), np.array(counts, dtype=float))
+        found = np.array([less(columns[at], basis) for at, basis in seconds])
+        return Products(found, np.array(counts, dtype=float), np.zeros(len(counts)))
 
 
 def likelier(now: Footing, other: Footing) -> bool:

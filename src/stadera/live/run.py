@@ -208,7 +208,8 @@ def replay(
             are wrong.
     """
     begun: tuple[float, float] | None = None
-    source = Guard(robot, robot.tree.joints, imu_frame=imu_frame).admitted(as_log(log), fix=fix, force=False)
+    _, (read,), _ = with_extra_joints(robot, as_log(log))
+    source = Guard(robot, robot.tree.joints, imu_frame=imu_frame).admitted(read, fix=fix, force=False)
     for samples in _pieces(source, robot, piece):
         begun = begun or (time.monotonic(), float(samples.time[0]))
         due = begun[0] + (float(samples.time[-1]) - begun[1]) / rate
@@ -221,8 +222,7 @@ def replay(
 
 
 def _pieces(log: Log, robot: Robot, piece: float) -> Iterator[Recording]:
-    _, (source,), _ = with_extra_joints(robot, as_log(log))
-    for chunk in stream(source, joints=robot.tree.joints, require=("effort", "imu")):
+    for chunk in stream(log, joints=robot.tree.joints, require=("effort", "imu")):
         whole = with_velocity(chunk)
         edges = np.flatnonzero(np.diff(np.floor(whole.time / piece)) > 0) + 1
         for rows in np.split(np.arange(len(whole)), edges):

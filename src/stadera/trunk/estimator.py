@@ -78,7 +78,8 @@ class TrunkEstimator:
 
     Raises:
         ImplausibleError: the prior is not plausible.
-        UnknownNameError: no such joint, link or frame.
+        UnknownNameError: no such link or frame.
+        RecordingError: a joint of the legs is not among the given ones, or one is there twice.
     """
 
     def __init__(

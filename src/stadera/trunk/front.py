@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from stadera.body import Motion
-from stadera.errors import RecordingError, UnknownNameError
+from stadera.errors import RecordingError
 from stadera.inertia import skews
 from stadera.robot.imu import ImuMount
 from stadera.robot.limbs import Place
@@ -67,8 +67,7 @@ class Front:
         ahead: most blocks that may be computed before these parameters and `know_joints` change.
 
     Raises:
-        UnknownNameError: a joint of the robot is not among the given ones.
-        RecordingError: a joint is given twice.
+        RecordingError: a joint is given twice, or one of the robot's legs is not.
     """
 
     def __init__(
@@ -85,10 +84,9 @@ class Front:
         if twice := [joint for joint, count in Counter(self._names).items() if count > 1]:
             raise RecordingError(f"the arrays given to update have joint {twice[0]!r} twice")
         if lacking := [joint for joint in robot.tree.joints if joint not in self._names]:
-            other = next((name for name in self._names if name not in (*robot.tree.joints, *extra)), None)
-            if other is not None:
-                raise UnknownNameError("joint", other, lacking, f"the arrays given to update, of {robot.name}")
-            raise UnknownNameError("joint", lacking[0], self._names, "the arrays given to update")
+            others = ", ".join(name for name in self._names if name not in (*robot.tree.joints, *extra))
+            unknown = f"; joints that {robot.name} has not are {others}" if others else ""
+            raise RecordingError(f"the arrays given to update lack joint {lacking[0]!r}{unknown}")
         self._order = np.array([self._names.index(joint) for joint in robot.tree.joints])
         self._extra_order = {at: self._names.index(joint) for at, joint in enumerate(extra) if joint in self._names}
         limits = [robot.limits[joint] for joint in robot.tree.joints]

@@ -8,9 +8,9 @@ Before the load came, rows were summed up to R₀ θ + G₀ p = z₀, and since 
     [     L_Y] [φ] + [H ] p = [y ]
     [     N_Y]       [J ]     [x ]
 
-the last rows, of the limbs alone, times the root of `Segment.louder`. A load on the trunk has the columns R themselves.
-What remains after θ and φ are eliminated, E = |z'' - G'' p|², is compared between places. With p normally distributed
-about zero, of covariance Σ₀, and rows of variance σ²,
+the last rows, of the limbs alone, times the root of `Segment.louder`. Their rows of before tell errors only. A load on
+the trunk has the columns R themselves. What remains after θ and φ are eliminated, E = |z'' - G'' p|², is compared
+between places. With p normally distributed about zero, of covariance Σ₀, and rows of variance σ²,
 
     -2 ln P = min_p (E/σ² + pᵀ Σ₀⁻¹ p) + ln |1 + Σ₀ G''ᵀ G''/σ²| + ln |1 + Φ (R_φᵀ R_φ - Φ⁻¹)/σ²|
 

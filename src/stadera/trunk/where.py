@@ -69,15 +69,23 @@ class Whereabouts:
         since = history.since_load
         if since is None or history.before is None or len(self.candidates) == 1:
             return False
+        # joints that are not recorded move no load
+        begin = since.triangle.shape[1] - 10 * len(self.places)
+        columns = since.triangle[:, begin:].reshape(10, -1, 10)
+        seen = [all(k == 0 or columns[:, k - 1].any() for k in place) for place in self.candidates]
         trunk, most = self._model
         if abs(float(history.before.mean(errors.mean)[0]) - trunk) > most:
             return False  # torques of another scale, which an arm's own and the legs' do not show alike
-        odds = log_odds(since, history.before, self.candidates, errors.prior, repeats, history.wide_load)
+        places = [place for place, known in zip(self.candidates, seen, strict=True) if known]
+        if len(places) == 1:
+            return False
+        odds = log_odds(since, history.before, places, errors.prior, repeats, history.wide_load)
         share = np.exp(odds - odds.max())
-        self.probability = share / share.sum()
-        best = self.candidates[int(np.argmax(odds))]
+        self.probability[:] = np.nan
+        self.probability[seen] = share / share.sum()
+        best = places[int(np.argmax(odds))]
         enough = certain if history.at == (0,) else 0.5  # else it would stay where another place is likelier
-        if self._fixed or best == history.at or self.probability.max() < enough:
+        if self._fixed or best == history.at or np.nanmax(self.probability) < enough:
             return False
         history.move(best)
         return True

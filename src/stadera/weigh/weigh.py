@@ -89,7 +89,7 @@ def weigh(
     model, read, said = with_extra_joints(load_robot(robot), *map(as_log, logs))
     if fix:
         guard = Guard(model, model.tree.joints, imu_frame=imu_frame)
-        read = tuple(guard.mended(each) for each in read)
+        model, read, said = with_extra_joints(model, *(guard.mended(each) for each in read))  # posed by sound values
     source, *others = (CheckedLog(model, each, chosen, imu_frame, force) for each in read)
     span = _in_time_of(source, tare) if isinstance(tare, tuple) else None
     on_scale = weight if isinstance(weight, tuple) or weight is None else (weight, weight_std(weight))
@@ -190,8 +190,8 @@ def _range(tare: object) -> tuple[float, float] | Log | None:
 
 
 def _of_its_mass(result: Weighing, on_scale: bool) -> tuple[str, str]:
-    """A doubt and a note, or empty, if the robot as it was at the tare is as heavy as another one known by name, or far
-    heavier than its model, and not on a scale.
+    """A doubt and a note, or empty, if the robot as it was at the tare is as heavy as another one known by name, or,
+    unless it stood on a scale, far heavier than its model.
     """
     robot, payload, limits = result.robot, result.payload, CheckLimits()
     if not np.isfinite(result.mass):
@@ -242,11 +242,10 @@ def inspected(
     """Checks a log, and weighs from it unless the robot is in the air. Arguments as in `stadera.weigh`. Raises
     RecordingError: the log cannot be read.
     """
-    notes = with_extra_joints(robot, as_log(log))[2]
+    robot, (source,), notes = with_extra_joints(robot, as_log(log))
     guard = Guard(robot, robot.tree.joints, imu_frame=imu_frame)
-    source = as_log(log)
     if fix:
-        source = guard.mended(source)
+        robot, (source,), notes = with_extra_joints(robot, guard.mended(source))
     findings = guard.findings(source)
     if any(finding.cause == "not_on_feet" for finding in findings):
         return Inspection(findings, notes=notes)
