@@ -6,7 +6,7 @@ joint's torque obeys a row of its own, whatever the feet do (`stadera.trunk.limb
     Σ_k r_jᵀ X_k φ_k + C p = τ_j - h_j + noise
 
 with φ_k a load at the end of each limb, which is another one in every second, as is the friction that holds a joint at
-rest, and p errors of the drives and links, all of their usual sizes. Their likelihood (`stadera.checks.likelihood`)
+rest, and p errors of the drives, all of their usual sizes. Their likelihood (`stadera.checks.likelihood`)
 compares the log as recorded with hypotheses: one that explains the torques better than by chance, also without the
 second that it gains most in, and better than any other is true. Arms that hang still side by side show none, nor does
 a joint that carries hardly more than its friction. Where none is true and much of the torques remains, something else
@@ -37,8 +37,8 @@ from stadera.trunk.limbs import LimbRows, by_mass_and_centre
 from stadera.trunk.settings import ModelErrors
 from stadera.types import Array
 
-_ERRORS = tuple(f"limb_{name}" for name in ("rotor", "viscous", "coulomb", "offset", "gain", "mass", "com"))
-"""Errors of `stadera.trunk.error_model`."""
+_ERRORS = tuple(f"limb_{name}" for name in ("rotor", "viscous", "coulomb", "offset", "gain"))
+"""Errors of `stadera.trunk.error_model`. Those of the links' masses and centres move no gain by more than 4 %."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,8 +156,9 @@ def misread_limbs(footing: LimbFooting) -> tuple[list[Hypothesis], float] | None
     tried = {one: footing.by_second(one.undo) for one in limb_faults(footing.robot, degrees=footing.turned)}
     costs = {one: each.likelihood(limits.order_repeated).cost for one, each in tried.items()}
     ranked = sorted(costs, key=costs.__getitem__)
-    alike = [one for one in ranked if costs[one] - costs[ranked[0]] <= limits.order_gain]
     gain = recorded.likelihood(limits.order_repeated).cost - costs[ranked[0]]
+    near = max(limits.order_gain, (1.0 - limits.alike) * gain)  # friction counts in both
+    alike = [one for one in ranked if costs[one] - costs[ranked[0]] <= near]
     least = limits.order_gain if ranked[0].undo.swapped else limits.limb_gain
     if gain <= least or len(alike) > 2:
         return None
