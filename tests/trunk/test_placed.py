@@ -51,19 +51,21 @@ def summed(rows: list[WeightedRows]) -> Segment:
     return segment
 
 
-def likelihood(before: Segment, rows: list[WeightedRows], covariance: Array, at: int | None) -> float:
-    """ln of the density of all rows since the load, and of the triangle before it, for a load at a place; their noise
-    is `LOUD`.
+def likelihood(earlier: list[WeightedRows], rows: list[WeightedRows], covariance: Array, at: int | None) -> float:
+    """ln of the density of all rows since the load, and of the triangle and the limbs' rows before it, for a load at a
+    place; their noise is `LOUD`.
     """
     root, end, changing = np.sqrt(LOUDER), 11 + LAYOUT.count, np.r_[tuple(LAYOUT.changing)]
+    limbs = np.vstack([root * each.limbs for each in earlier if each.limbs is not None])
+    before = np.vstack([summed(earlier).triangle, limbs])
     since = np.vstack([np.vstack([each.columns, root * each.limbs]) for each in rows if each.limbs is not None])
-    A = np.vstack([before.triangle[:, :10], since[:, :10]])
+    A = np.vstack([before[:, :10], since[:, :10]])
     load = since[:, :10] if at is None else since[:, end + 10 * at :][:, :10]
-    Y = np.vstack([np.zeros((10, 10)), load])
-    C = np.vstack([before.triangle[:, 11:end], since[:, 11:end]])
-    then = np.zeros((len(A), LAYOUT.count))
-    then[:10, changing], C[:10, changing] = C[:10, changing], 0.0  # other errors than those since
-    b = np.concatenate([before.triangle[:, 10], since[:, 10]])
+    Y = np.vstack([np.zeros((len(before), 10)), load])
+    C = np.vstack([before[:, 11:end], since[:, 11:end]])
+    then, n = np.zeros((len(A), LAYOUT.count)), len(before)
+    then[:n, changing], C[:n, changing] = C[:n, changing], 0.0  # other errors than those since
+    b = np.concatenate([before[:, 10], since[:, 10]])
     flat = 1e4 * A @ A.T  # the trunk is known by the triangle
     S = LOUD * np.eye(len(b)) + flat + Y @ np.diag(WIDE**2) @ Y.T
     S += C @ covariance @ C.T + then @ covariance @ then.T
@@ -73,10 +75,10 @@ def likelihood(before: Segment, rows: list[WeightedRows], covariance: Array, at:
 @pytest.mark.parametrize("at", [None, 0, 1])
 def test_odds_of_places_are_those_of_the_density_of_all_rows(at: int | None) -> None:
     rng = np.random.default_rng(3)
-    before, rows = summed(drawn(rng, None)).with_load(None), drawn(rng, at)
+    earlier, rows = drawn(rng, None), drawn(rng, at)
     covariance = 0.05**2 * np.eye(LAYOUT.count)
-    odds = log_odds(summed(rows), before, ((0,), (1,), (2,)), covariance, LOUD / QUIETEST, WIDE)
-    dense = np.array([likelihood(before, rows, SHOWN * covariance, place) for place in (None, 0, 1)])
+    odds = log_odds(summed(rows), summed(earlier), ((0,), (1,), (2,)), covariance, LOUD / QUIETEST, WIDE)
+    dense = np.array([likelihood(earlier, rows, SHOWN * covariance, place) for place in (None, 0, 1)])
     np.testing.assert_allclose(
         odds - odds[0], dense - dense[0], rtol=1e-3, atol=0.3
     )  # the weak prior of the trunk is in the odds alone

@@ -72,7 +72,7 @@ def hypotheses_in_motion(robot: Robot, most: int) -> Iterator[Hypothesis]:
         if order in mirrored or sum(a != b for a, b in enumerate(order)) == 2:
             yield from parts
     yield from _joint_signs(robot)
-    yield from (whole for _, whole in joint_signs(j for leg in legs for j in leg))
+    yield from (whole for _, whole in joint_signs(robot.tree.joints))
     for quarters in (1, 2, 3):
         c, s = round(np.cos(quarters * np.pi / 2)), round(np.sin(quarters * np.pi / 2))
         turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])

@@ -190,11 +190,7 @@ def misread_in_motion(footing: Footing) -> tuple[list[Hypothesis], float] | None
         return None
 
     # friction of joints that rest turns with no motion, and takes any sign
-    signs = (
-        dict(joint_signs(j for leg in footing.robot.legs for j in leg.joints))
-        if footing.lively > limits.step_lively
-        else {}
-    )
+    signs = dict(joint_signs(footing.robot.tree.joints)) if footing.lively > limits.step_lively else {}
     recorded, alone = Hypothesis("", "as recorded", AS_RECORDED), rows.seconds()
     hypotheses = (recorded, *torque_orders(footing.robot, limits.orders), *signs)
     seconds = {one: rows.by_second(alone, one.undo) for one in hypotheses}

@@ -316,9 +316,6 @@ def _check_time(time: Array, source: str) -> None:
         raise RecordingError(f"{source}: column 'time' {what} at sample {at} ({time[at - 1]:.6f} to {time[at]:.6f} s)")
 
 
-Rows = slice | Bools | NDArray[np.int64]
-
-
 def _check_imu(imu: Imu | None, source: str) -> None:
     """Raises RecordingError: something else, or without rates or specific forces."""
     missing = not isinstance(imu, Imu) or imu.angular_velocity is None or imu.linear_acceleration is None
@@ -328,6 +325,9 @@ def _check_imu(imu: Imu | None, source: str) -> None:
             f"{source}: imu needs stadera.Imu(angular_velocity, linear_acceleration), each of shape (samples, 3), "
             f"got {got}"
         )
+
+
+Rows = slice | Bools | NDArray[np.int64]
 
 
 def _without_dropouts(arrays: Mapping[str, Array], source: str) -> tuple[dict[str, Array], tuple[str, ...]]:

@@ -101,6 +101,7 @@ def whereabouts(payload: Payload, trunk: str, said: str | None, contradicted: fl
     """A doubt and a note, or empty, of where a payload is and how sure that is.
 
     Args:
+        payload: with two places at least.
         trunk: name of the trunk's link. said: where its owner says that it is; None if he does not.
         contradicted: odds of another place above which that is doubted.
     """
