@@ -137,6 +137,17 @@ def test_arms_that_are_misread_are_named_and_mended(fault: str, read: tuple[Robo
         np.testing.assert_allclose(getattr(mended.others, channel), getattr(log.others, channel))
 
 
+def test_a_torque_that_stands_still_is_named_unless_it_is_zero(read: tuple[Robot, Recording]) -> None:
+    robot, log = read
+    assert log.others is not None
+    assert log.others.effort is not None
+    for last, causes in ((1.5, ["stuck"]), (0.0, [])):
+        effort = log.others.effort.copy()
+        effort[len(effort) // 3 :, log.others.names.index("left_elbow_joint")] = last
+        found = diagnose(replace(log, others=replace(log.others, effort=effort)), robot)
+        assert [each.cause for each in found if each.cause != "limb_torques"] == causes
+
+
 @pytest.mark.parametrize("samples", [2, 5, 30])
 def test_few_samples_say_nothing_of_the_arms(samples: int, read: tuple[Robot, Recording]) -> None:
     robot, log = read

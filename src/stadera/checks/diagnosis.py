@@ -68,7 +68,7 @@ def diagnose(
         return tuple(found)
     if len(blocks):
         found += _contradictions(Footing(robot, blocks, limits), mount)
-    if not any(finding.fatal for finding in found):
+    if not any(finding.fatal or finding.cause == "stuck" for finding in found):
         found += _of_limbs(recording, robot, mount, limits)
     return tuple(or_other_robot(finding, recording, robot) for finding in found)
 

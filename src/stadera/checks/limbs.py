@@ -116,7 +116,8 @@ class LimbFooting:
         # velocities at rest are noise, and so are friction's signs
         samples["limb_terms"][..., :3] *= ~still[..., None]
         rows = self._rows.rows(samples, self._by_mass, still)
-        rows /= 0.01 * limb_limits(self.robot)[:, None]
+        known = blocks.effort[:, J] != 0.0
+        rows *= known[..., None] / (0.01 * limb_limits(self.robot)[:, None])
         std, n = np.sqrt(self._model.variance), len(blocks)
         errors, holding = (rows[:, :, 11 + at] * std[at] for at in (layout.at(*_ERRORS), layout.at("limb_stiction")))
         loads = rows[:, :, 11 + layout.count :].reshape(n, len(J), -1, 10)[..., :4] * wide_prior(self.robot)[:4]
@@ -126,7 +127,7 @@ class LimbFooting:
         for at in (blocks.group == one for one in np.unique(blocks.group)):
             H = hidden[at].reshape(-1, hidden.shape[2])
             found.append(less(columns[at].reshape(-1, columns.shape[2]), explained(H, 1.0)))
-            counts.append(len(H))
+            counts.append(np.count_nonzero(known[at]))
             spreads.append(np.linalg.slogdet(np.eye(H.shape[1]) + H.T @ H)[1])
         return Products(np.array(found), np.array(counts, dtype=float), np.array(spreads))
 

@@ -220,7 +220,7 @@ def sensor_findings(recording: Recording, limits: CheckLimits) -> Iterator[Findi
     if moves and recording.imu is not None and not recording.imu.angular_velocity.any():
         yield Finding("no_gyro", "the gyro is zero throughout, so how the trunk turns is not known")
     groups: dict[tuple[float, float], list[str]] = {}
-    arrays = ("position", "velocity", "effort", "imu.angular_velocity", "imu.linear_acceleration")
+    arrays = ("position", "velocity", "effort", "others.effort", "imu.angular_velocity", "imu.linear_acceleration")
     known = [(recording.columns(name), values.T) for name, values in recording.arrays().items() if name in arrays]
     for name, values in chain.from_iterable(zip(*each, strict=True) for each in known):
         span = _longest_repeat(recording.time, values, limits)
@@ -235,12 +235,16 @@ def sensor_findings(recording: Recording, limits: CheckLimits) -> Iterator[Findi
 def _rests(recording: Recording, name: str, span: tuple[float, float], limits: CheckLimits) -> bool:
     """True for a signal of a joint that rests meanwhile by its other signals: friction holds it within a step of its
     encoder, drives report a rest as zero velocity, and a torque that is computed from a position that stands is as
-    still.
+    still. A torque of zero of a joint outside the legs is not known (`stadera.trunk.limbs`).
     """
     joint, _, channel = name.rpartition(".")
+    others, inside = recording.others, (recording.time >= span[0]) & (recording.time <= span[1])
+    if others is not None and others.effort is not None and joint in others.names:
+        at = others.names.index(joint)
+        return not np.ptp(others.position[inside, at]) or not others.effort[inside, at].any()
     if joint not in recording.joints or recording.velocity is None:
         return False
-    inside, at = (recording.time >= span[0]) & (recording.time <= span[1]), recording.index(joint)
+    at = recording.index(joint)
     moved, measured = float(np.ptp(recording.position[inside, at])), recording.velocity[inside, at]
     if channel == "effort":
         return moved == 0.0
