@@ -145,7 +145,16 @@ def test_a_torque_that_stands_still_is_named_unless_it_is_zero(read: tuple[Robot
         effort = log.others.effort.copy()
         effort[len(effort) // 3 :, log.others.names.index("left_elbow_joint")] = last
         found = diagnose(replace(log, others=replace(log.others, effort=effort)), robot)
-        assert [each.cause for each in found if each.cause != "limb_torques"] == causes
+        assert [each.cause for each in found] == causes
+
+
+def test_arms_are_checked_beside_what_stands_still(read: tuple[Robot, Recording]) -> None:
+    robot, log = read
+    wrong = exchanged(log, "effort")
+    assert wrong.effort is not None
+    effort = wrong.effort.copy()
+    effort[400:440, 3] = effort[400, 3]  # 0.2 s of a knee
+    assert [each.cause for each in diagnose(replace(wrong, effort=effort), robot)] == ["stuck", "joint_order"]
 
 
 @pytest.mark.parametrize("samples", [2, 5, 30])

@@ -31,7 +31,7 @@ from stadera.checks.torques import likelier, misread_in_motion, pushing_at_rest,
 from stadera.errors import RecordingError, UntrustedError, listed
 from stadera.logs.mend import GYRO, Mend, changed
 from stadera.logs.reader import stream
-from stadera.logs.recording import Recording
+from stadera.logs.recording import Recording, take
 from stadera.logs.topics import LogFile
 from stadera.robot.imu import ImuMount
 from stadera.robot.model import Robot
@@ -68,8 +68,9 @@ def diagnose(
         return tuple(found)
     if len(blocks):
         found += _contradictions(Footing(robot, blocks, limits), mount)
-    if not any(finding.fatal or finding.cause == "stuck" for finding in found):
-        found += _of_limbs(recording, robot, mount, limits)
+    if not any(finding.fatal for finding in found):
+        stuck = [(recording.time >= begin) & (recording.time <= end) for each in found for begin, end in each.spans]
+        found += _of_limbs(take(recording, ~np.any(stuck, axis=0)) if stuck else recording, robot, mount, limits)
     return tuple(or_other_robot(finding, recording, robot) for finding in found)
 
 

@@ -110,12 +110,11 @@ def limb_faults(robot: Robot, *, degrees: bool) -> Iterator[Hypothesis]:
         pairs = [*zip(*chains, strict=True)]
         both = [*pairs, *(pair[::-1] for pair in pairs)]
         yield from _exchanged(f"the arms of {extra.links[one]} and {extra.links[other]}", both, _WHICH)
-    joints = [extra.joints[k] for k in limbs.joints]
-    for pair in joint_signs(joints):
+    for pair in joint_signs(extra.joints[k] for k in limbs.joints):
         yield from pair
-    text = "the positions of the joints outside the legs are in degrees"
-    joints = [extra.joints[k] for k in limbs.joints if not extra.sliding[k]]
     if degrees:
+        text = "the positions of the joints outside the legs are in degrees"
+        joints = [extra.joints[k] for k in limbs.joints if not extra.sliding[k]]
         yield Hypothesis("position_unit", text, _factored(joints, _MOTION, DEGREE, f"{text}, converted"), _BY_FACTOR)
 
 

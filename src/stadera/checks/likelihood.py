@@ -69,7 +69,7 @@ class Likelihood:
         """From the products of b and C, (1 + p, 1 + p), over `count` rows, of which `repeated` share an error."""
         value, vector = np.linalg.eigh(products[1:, 1:])
         value, along = np.maximum(value, 0.0), (vector.T @ products[1:, 0]) ** 2
-        scales = QUIETEST * 10.0 ** np.arange(0.0, 4.0, 0.125)  # s², in rows of 1 %
+        scales = QUIETEST * 10.0 ** np.arange(0.0, 4.0, 0.125)  # s², the rows' unit is 1 % of a weight or a limit
         k = repeated * scales[:, None]
         squares = (products[0, 0] - (along / (k + value)).sum(axis=1)) / k[:, 0]
         costs = squares + count / repeated * np.log(scales) + np.log1p(value / k).sum(axis=1)

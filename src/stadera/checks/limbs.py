@@ -5,12 +5,12 @@ joint's torque obeys a row of its own, whatever the feet do (`stadera.trunk.limb
 
     Σ_k r_jᵀ X_k φ_k + C p = τ_j - h_j + noise
 
-with φ_k a load at the end of each limb, which is another one in every second, as is the friction that holds a joint at
-rest, and p errors of the drives, all of their usual sizes. Their likelihood (`stadera.checks.likelihood`)
-compares the log as recorded with hypotheses: one that explains the torques better than by chance, also without the
-second that it gains most in, and better than any other is true. Arms that hang still side by side show none, nor does
-a joint that carries hardly more than its friction. Where none is true and much of the torques remains, something else
-is wrong with them.
+with φ_k a load at the end of each limb, up to the robot's own mass, which is another one in every second, as is the
+friction that holds a joint at rest; p are errors of the drives, of their usual sizes. Their likelihood
+(`stadera.checks.likelihood`) compares the log as recorded with hypotheses: one that explains the torques better than by
+chance, also without the second that it gains most in, and better than any other is true. Arms that hang still side by
+side show none, nor does a joint that carries hardly more than its friction. Where none is true and much of the torques
+remains, something else is wrong with them.
 """
 
 from __future__ import annotations

@@ -13,7 +13,7 @@ from stadera.constants import GRAVITY
 from stadera.errors import RecordingError
 from stadera.joint_words import by_part
 from stadera.logs.columns import CHANNELS, OTHER_CHANNELS
-from stadera.logs.recording import Imu, Recording
+from stadera.logs.recording import Imu, OtherJoints, Recording
 from stadera.types import Array
 
 GYRO, ACCELEROMETER = "gyro", "accelerometer"
@@ -43,14 +43,17 @@ class Mend:
     def __call__(self, recording: Recording) -> Recording:
         """Returns the corrected recording, which must contain the joints whose columns are swapped."""
         scaled = recording.mapped(self._scaled)
-        channels = {c: getattr(scaled, c) for c in CHANNELS}
-        kept = {c: self.of_joints(c, v, recording.joints) for c, v in channels.items() if v is not None}
         imu = None if scaled.imu is None else self._imu(scaled.imu)
         if (others := scaled.others) is not None:
-            moved = {c: getattr(others, c) for c in OTHER_CHANNELS}
-            moved = {c: self.of_joints(c, v, others.names) for c, v in moved.items() if v is not None}
-            others = replace(others, **moved)
+            others = replace(others, **self._of_channels(others, OTHER_CHANNELS, others.names))  # type: ignore[arg-type]
+        kept = self._of_channels(scaled, CHANNELS, scaled.joints)
         return replace(scaled, **kept, imu=imu, others=others)  # type: ignore[arg-type]
+
+    def _of_channels(
+        self, source: Recording | OtherJoints, channels: Sequence[str], joints: Sequence[str]
+    ) -> dict[str, Array]:
+        known = {c: values for c in channels if (values := getattr(source, c)) is not None}
+        return {c: self.of_joints(c, values, joints) for c, values in known.items()}
 
     def _scaled(self, name: str, values: Array) -> Array:
         quantity = name.removeprefix("others.")

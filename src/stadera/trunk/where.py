@@ -81,11 +81,12 @@ class Whereabouts:
             return False
         odds = log_odds(since, history.before, places, errors.prior, repeats, history.wide_load)
         share = np.exp(odds - odds.max())
+        share /= share.sum()
         self.probability[:] = np.nan
-        self.probability[seen] = share / share.sum()
+        self.probability[seen] = share
         best = places[int(np.argmax(odds))]
         enough = certain if history.at == (0,) else 0.5  # else it would stay where another place is likelier
-        if self._fixed or best == history.at or np.nanmax(self.probability) < enough:
+        if self._fixed or best == history.at or share.max() < enough:
             return False
         history.move(best)
         return True

@@ -33,7 +33,7 @@ def tables(result: Comparison) -> list[TableData]:
 
 
 def reasons(result: Comparison) -> tuple[str, ...]:
-    """Why methods refused logs, or are not sure of them, one sentence each."""
+    """Why methods refused logs, or are not sure of them, and payloads that are on no trunk, one sentence each."""
     found = []
     for each in result.entries:
         said = (each.refusal,) if each.weighing is None else each.weighing.trust.reasons[:1]
