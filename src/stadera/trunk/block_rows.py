@@ -48,7 +48,8 @@ class Equations:
 class SwingRows:
     """A window's rows in joint space, for legs in the air: see `stadera.trunk.swing.SwingJoints.add`; `white` is the
     variance, `slides` (2, J) tells joints that slide forward, and backward, throughout the window, `unsure` is with s
-    of the mean velocity and, as wide as that, its noise, `stepping` is as of `Lifted`.
+    of the mean velocity and, as wide as that, its noise, `stepping` is as of `Lifted`, `pauses` (J,) tells joints at
+    rest for some blocks of a robot that steps.
     """
 
     air: Bools
@@ -59,6 +60,7 @@ class SwingRows:
     slides: Bools
     unsure: Array
     stepping: bool = False
+    pauses: Bools = field(default_factory=lambda: np.zeros(1, dtype=bool))
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,6 +96,7 @@ class WeightedRows(Equations):
         slides: (2, joints), joints that slide forward, and backward.
         hidden: (6, joints), √n H of `stadera.trunk.segment`; None if it is taken into account.
         rests: see `ModelErrors`.
+        pauses: (joints,), joints at rest for some blocks of a robot that steps.
         stepping: a foot moves relative to the others.
     """
 
@@ -105,6 +108,7 @@ class WeightedRows(Equations):
     slides: Bools = field(default_factory=lambda: np.ones((2, 1), dtype=bool))
     hidden: Array | None = None
     rests: float = 1.0
+    pauses: Bools = field(default_factory=lambda: np.zeros(1, dtype=bool))
     stepping: bool = False
     limbs: Array | None = None
     limb_weight: float = 1.0
@@ -189,6 +193,7 @@ class Weighting:
             slides=rows.swing.slides,
             hidden=held,
             rests=self.rests,
+            pauses=rows.swing.pauses,
             stepping=rows.swing.stepping,
             limbs=None if rows.limbs is None or self.of_limbs is None else rows.limbs / self.of_limbs[:, None],
         )

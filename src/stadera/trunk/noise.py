@@ -21,6 +21,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import gammaincinv
 
+from stadera.body.friction import STICTION_VELOCITY
 from stadera.constants import GRAVITY
 from stadera.robot.model import Robot
 from stadera.trunk.error_model import ErrorLayout
@@ -108,7 +109,28 @@ def lower_quartile(differences: int) -> float:
     return float(2.0 * gammaincinv(0.5 * freedom, 0.25) / freedom)
 
 
-_BLOCKS = 25  # over which noise and motion of joints are taken: a joint that turns back is not one that stands
+# blocks over which noise and motion of joints are taken, so that a joint that turns back is not one that stands, and
+# those that a joint pauses for at least, 60 ms
+_BLOCKS, _PAUSE = 25, 3
+
+
+class Latest:
+    """Sums over the latest blocks, `length` at most."""
+
+    def __init__(self, length: int) -> None:
+        self._length, self._known = length, np.zeros((0, 0))
+
+    def sums(self, values: Array, follows: Bools) -> tuple[Array, Array]:
+        """Of values (B, n) of blocks that count, `follows` (B,), at the end of each block: the sums (B, n), and the
+        number of blocks in them (B, 1).
+        """
+        known = self._known if self._known.shape[1] == values.shape[1] else np.zeros((0, values.shape[1]))
+        end, known = len(known) + np.cumsum(follows), np.concatenate([known, values[follows]])
+        total = np.zeros((len(known) + 1, known.shape[1]))
+        known.cumsum(axis=0, out=total[1:])
+        begin = np.maximum(end - self._length, 0)
+        self._known = known[1 - self._length :]
+        return total[end] - total[begin], (end - begin)[:, None]
 
 
 class Lately:
@@ -117,7 +139,7 @@ class Lately:
     """
 
     def __init__(self) -> None:
-        self._squares = self._speeds = np.zeros((0, 0))
+        self._squares, self._speeds, self._motions = np.zeros((0, 0)), Latest(_BLOCKS), Latest(_PAUSE)
         self.forget()
 
     def forget(self) -> None:
@@ -143,15 +165,15 @@ class Lately:
             velocity: (B, J + l), averages over windows. least: likewise, square of what is motion. follows: (B,),
                 blocks with rows.
         """
-        if self._speeds.shape[1] != velocity.shape[1]:
-            self._speeds = np.zeros((0, velocity.shape[1]))
-        known = np.concatenate([self._speeds, (velocity**2 / least)[follows]])
-        total = np.zeros((len(known) + 1, known.shape[1]))
-        known.cumsum(axis=0, out=total[1:])
-        end = len(self._speeds) + np.cumsum(follows)
-        begin = np.maximum(end - _BLOCKS, 0)
-        self._speeds = known[-(_BLOCKS - 1) :]
-        return np.asarray(total[end] - total[begin] < (end - begin)[:, None])
+        squares, count = self._speeds.sums(velocity**2 / least, follows)
+        return np.asarray(squares < count)
+
+    def pauses(self, velocity: Array, least: Array, follows: Bools) -> Bools:
+        """The same that have been at rest for some blocks, as a knee may be in a stance, or creep: a gear that sticks
+        gives way, and the direction of so slow a motion tells no friction.
+        """
+        moves = velocity**2 > np.maximum(least, STICTION_VELOCITY**2)
+        return np.asarray(self._motions.sums(moves.astype(float), follows)[0] == 0.0)
 
     def gravity(self, force: Array, turn: Array, elapsed: Array, follows: Bools) -> Array:
         """Mean specific force (B, 3) over the last second before the end of each block that `follows` another, turned

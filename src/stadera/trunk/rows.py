@@ -233,6 +233,8 @@ class RowMaker:
             of_limbs = sums["limb_motion"][..., 0]
             speed, least = np.hstack([speed, of_limbs]), np.hstack([least, np.full_like(of_limbs, _SLOW**2)])
         still = self._lately.still(speed, least, follows)
+        stepping = first["stepping"] | second["stepping"]
+        pauses = self._lately.pauses(speed, least, follows)[:, :J] & ~still[:, :J] & stepping[:, None]
         gravity = self._lately.gravity(sums["signals"][:, :3], turned(second["omega"], elapsed), elapsed, follows)
         rests = still[:, :J].all(axis=1) & follows
         self.at_rest.add(sums["signals"][rests, :3], elapsed[rests])
@@ -249,14 +251,13 @@ class RowMaker:
         white = self._white(sums, responses, noise)
         vague = np.sqrt(STICTION_VELOCITY**2 + sums["averaged"][:, None] * noise.velocity)
         unsure = 1.0 - np.tanh(joint[:, 1] / vague) ** 2
-        stepping, air = first["stepping"] | second["stepping"], first["air"] & second["air"]
+        air = first["air"] & second["air"]
         rows: list[BlockRows | None] = [None] * len(follows)
         for b in np.flatnonzero(follows):
-            in_air = SwingRows(
-                air[b], joint[b, :5], joint[b, 5], joint[b, 6], noise.torque[b], slides[b], unsure[b], bool(stepping[b])
-            )
+            of_joints = air[b], joint[b, :5], joint[b, 5], joint[b, 6], noise.torque[b], slides[b], unsure[b]
             time, own = (float(second["end"][b]), float(elapsed[b])), None if limbs is None else limbs[b]
-            rows[b] = BlockRows(*time, columns[b], white[b], in_air, own)
+            swing = SwingRows(*of_joints, bool(stepping[b]), pauses[b])
+            rows[b] = BlockRows(*time, columns[b], white[b], swing, own)
         return rows
 
     def _quieten_limbs(self, sums: Sums, posture: Array, still: Bools, gravity: Array, follows: Bools) -> None:

@@ -29,7 +29,8 @@ friction of all others may do to a block's rows, one standard deviation of it, a
     rows ← (1 + n H Hᵀ)^-1/2 rows
 
 Its friction at rest is another one each time: a mean, as of any joint at standstill, and a deviation from it, whose
-mean over some rests is `ModelErrors.rests` of what holds a joint that has not moved.
+mean over some rests is `ModelErrors.rests` of what holds a joint that has not moved. The same is true of a joint that
+pauses in its stances, as knees of a trot may: it holds what the way it came to rest left, which a load changes.
 """
 
 from __future__ import annotations
@@ -136,11 +137,11 @@ class Segment:
         Args:
             louder: see `Segment`; None as it is.
         """
-        rows = self.felt(rows)
+        moving, rows = self.moves(rows), self.felt(rows)
         weight = rows.weight * rows.share
         triangle, residue = folded(self.triangle, sqrt(rows.weight) * rows.columns, sqrt(keep), 10)
         below, residue = _folded_loads(self.below, residue, keep)
-        moving, limbs, limb_count = self.moves(rows), sqrt(keep) * self.limbs, keep * self.limb_count
+        limbs, limb_count = sqrt(keep) * self.limbs, keep * self.limb_count
         left: tuple[tuple[int, Array], ...] = ((int(moving), residue),)
         if rows.limbs is not None:
             limbs, residue = _folded_loads(limbs, sqrt(rows.limb_weight) * rows.limbs[:, 10:], 1.0)
@@ -177,6 +178,7 @@ class Segment:
             lifts = np.sign(columns[:3, 0] @ C[:3, place["offset"]])  # the sign of `stiction`, see `stadera.trunk.rows`
             C[:, place["standstill"]] -= free * lifts * C[:, place["stiction"]]
             C[:, place["stiction"]] *= np.where(free, rows.rests, 1.0)
+            C[:, place["stiction"]] -= rows.rests * rows.pauses * lifts * C[:, place["standstill"]]  # none stands
         if free.all():
             return replace(rows, columns=columns, hidden=None)
         felt = discounted(np.hstack([columns, np.eye(6)]), rows.hidden * ~free)
