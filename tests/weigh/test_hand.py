@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -89,6 +89,13 @@ def exchanged(recording: Recording, *channels: str) -> Recording:
     return replace(recording, others=replace(others, **{c: getattr(others, c)[:, order] for c in channels}))
 
 
+def reordered(recording: Recording, order: Sequence[int], *channels: str) -> Recording:
+    """Joints outside the legs, which are called as if they came in the robot's order."""
+    others = recording.others
+    assert others is not None
+    return replace(recording, others=replace(others, **{c: getattr(others, c)[:, order] for c in channels}))
+
+
 def scaled(recording: Recording, part: str, factor: float, *channels: str) -> Recording:
     """Joints with a word in their names."""
     others = recording.others
@@ -100,6 +107,12 @@ def scaled(recording: Recording, part: str, factor: float, *channels: str) -> Re
 FAULTS: dict[str, Callable[[Recording], Recording]] = {
     f"the arms of {LEFT} and {RIGHT} are swapped": lambda log: exchanged(log, "position", "velocity", "effort"),
     f"the torques of the arms of {LEFT} and {RIGHT} are swapped": lambda log: exchanged(log, "effort"),
+    "joints by kind and by arm are swapped": lambda log: reordered(
+        log, [*range(3), *np.arange(3, 17).reshape(2, 7).T.ravel()], "position", "velocity", "effort"
+    ),
+    "the torques of joints of the arms and those before them are swapped": lambda log: reordered(
+        log, [*range(3, 17), *range(3)], "effort"
+    ),
     "the sign of the torque of 'left_elbow_joint' is reversed": lambda log: scaled(log, "left_elbow", -1.0, "effort"),
     "the signs of all values of 'waist_pitch_joint' are reversed": lambda log: scaled(
         log, "waist_pitch", -1.0, "position", "velocity", "effort"

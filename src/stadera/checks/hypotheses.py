@@ -99,17 +99,24 @@ def joint_signs(joints: Iterable[str]) -> Iterator[tuple[Hypothesis, Hypothesis]
 
 
 def limb_faults(robot: Robot, *, degrees: bool) -> Iterator[Hypothesis]:
-    """Yields hypotheses of limbs besides the legs: alike ones exchanged, joints with the other sign, and positions in
-    `degrees`.
+    """Yields hypotheses of limbs besides the legs: alike ones exchanged, their joints in another order, with the other
+    sign, and positions in `degrees`.
     """
     extra, limbs = robot.extra, Limbs.of(robot)
     if extra is None:
         return
     for one, other in limbs.hands:
-        chains = ([extra.joints[k] for k in inwards(extra, end)] for end in (one, other))
-        pairs = [*zip(*chains, strict=True)]
-        both = [*pairs, *(pair[::-1] for pair in pairs)]
-        yield from _exchanged(f"the arms of {extra.links[one]} and {extra.links[other]}", both, _WHICH)
+        arms = [[extra.joints[k] for k in inwards(extra, end)][::-1] for end in (one, other)]
+        by_kind, by_arm = [joint for pair in zip(*arms, strict=True) for joint in pair], [*arms[0], *arms[1]]
+        swapped = zip(by_arm, [*arms[1], *arms[0]], strict=True)
+        yield from _exchanged(f"the arms of {extra.links[one]} and {extra.links[other]}", [*swapped], _WHICH)
+        before = [extra.joints[k] for k in limbs.joints if extra.joints[k] not in by_arm]
+        orders = {"joints by kind and by arm": (by_kind, by_arm)}
+        if before:
+            orders["joints of the arms and those before them"] = [*by_arm, *before], [*before, *by_arm]
+        for what, (order, another) in orders.items():
+            for pairs in (zip(order, another, strict=True), zip(another, order, strict=True)):
+                yield from _exchanged(what, [*pairs], _WHICH)
     for pair in joint_signs(extra.joints[k] for k in limbs.joints):
         yield from pair
     if degrees:
