@@ -77,6 +77,7 @@ def test_a_memory_of_a_walk_serves_legs_in_the_air_and_the_other_way_round(
     assert any("of 0 earlier logs" in note for note in json.loads((tmp_path / "out.json").read_text())["notes"])
     again = run("identify", log, "--robot", "hyq", "--memory", memory)
     assert again.code == 0, again.err
+    assert "stays as it was: these samples are in the memory already" in " ".join(again.out.split())
     assert Memory.read(memory, hyq()).logs == 1
     with pytest.raises(IdentificationError, match="another model than go2"):
         identify(load_robot("go2"), walk(), memory=kept)

@@ -124,7 +124,8 @@ def identify(
     drawn = (table, lambda draft: result.save_draws(draft, count))
     kept = [] if result.memory is None else [(memory, result.memory.save_json)]
     files.write_result(result, (export, partial(save_model, result)), drawn, *kept)
-    show(*identification_tables(result))
+    said = (f"note: {note}" for note in result.notes if memory is not None and "the robot's memory" in note)
+    show(*identification_tables(result), *said)
     if export is not None and export.suffix.lower() == ".urdf":
         show("note: a URDF has no place for rotor inertia; MJCF (.xml) and the drives (.yaml) have, as --json has all")
 

@@ -44,7 +44,7 @@ if TYPE_CHECKING:
 
 def robots_table(table: FleetTable) -> TableData:
     """One row for each robot."""
-    head = ("robot", "logs", "good", "doubtful", "failed", "hours", "trunk in the last log [kg]")
+    head = ("robot", "logs", "good", "doubtful", "failed", "recorded", "trunk in the last log [kg]")
     return TableData.of("Fleet", head, (_line(name, rows) for name, rows in by_robot(table.rows).items()))
 
 
@@ -60,7 +60,7 @@ def _line(name: str, rows: Sequence[LogRow]) -> Row:
         f"{sum(row['trust'] == 'good' for row in done)}",
         f"{sum(row['trust'] == 'doubtful' for row in done)}",
         Cell(f"{failed}", good=False if failed else None),
-        f"{hours:.2f}",
+        f"{hours:.1f} h" if hours >= 1.0 else f"{60.0 * hours:.1f} min",
         with_std(last.get("trunk_mass", nan), last.get("trunk_mass_std", nan)),
     )
 

@@ -114,8 +114,8 @@ def lower_quartile(differences: int) -> float:
 _BLOCKS, _PAUSE = 25, 3
 
 
-class Latest:
-    """Sums over the latest blocks, `length` at most."""
+class RunningSums:
+    """Sums over the latest blocks, `length` of them at most."""
 
     def __init__(self, length: int) -> None:
         self._length, self._known = length, np.zeros((0, 0))
@@ -139,7 +139,7 @@ class Lately:
     """
 
     def __init__(self) -> None:
-        self._squares, self._speeds, self._motions = np.zeros((0, 0)), Latest(_BLOCKS), Latest(_PAUSE)
+        self._squares, self._speeds, self._motions = np.zeros((0, 0)), RunningSums(_BLOCKS), RunningSums(_PAUSE)
         self.forget()
 
     def forget(self) -> None:
