@@ -20,7 +20,7 @@ from functools import cached_property
 
 import numpy as np
 
-from stadera.body import Body, Motion, State
+from stadera.body import Body, Motion
 from stadera.checks.hypotheses import Hypothesis, limb_faults
 from stadera.checks.instants import Instants
 from stadera.checks.likelihood import Products, explained, less
@@ -35,7 +35,7 @@ from stadera.trunk.error_model import ErrorModel, limb_limits
 from stadera.trunk.history import wide_prior
 from stadera.trunk.limbs import LimbRows, by_mass_and_centre
 from stadera.trunk.settings import ModelErrors
-from stadera.types import Array
+from stadera.types import Array, Bools
 
 _ERRORS = tuple(f"limb_{name}" for name in ("rotor", "viscous", "coulomb", "offset", "gain"))
 """Errors of `stadera.trunk.error_model`. Those of the links' masses and centres move no gain by more than 4 %."""
@@ -94,35 +94,41 @@ class LimbFooting:
         ends = () if extra is None else (place_of(self.robot, extra.links[k]) for k in Limbs.of(self.robot).ends)
         return LimbRows(self.robot, self._body, tuple(ends), self._model.layout)
 
-    def _moving(self, blocks: Instants) -> tuple[Motion, State]:
+    def _moving(self, blocks: Instants) -> tuple[dict[str, Array], Bools]:
+        """What the rows are of without torques, see `LimbRows.at`, and the joints at rest (n, l)."""
         omega, a = blocks.angular_velocity, blocks.specific_force
         assert omega is not None
         assert a is not None
         alpha = blocks.slopes(omega)
         at_origin = force_at_origin(a, omega, blocks.lever, alpha)
         motion = Motion(blocks.position, blocks.rate, blocks.slopes(blocks.rate), omega, alpha, at_origin, unit(a))
-        return motion, self._body.at(motion, columns=True)
+        velocity = motion.velocity[:, self._rows.joints]
+        state = self._body.at(motion, columns=True)
+        return self._rows.at(motion, velocity, state, np.zeros_like(velocity)), np.abs(
+            velocity
+        ) < self.limits.step_slides
 
     @cached_property
-    def _as_recorded(self) -> tuple[Motion, State]:
+    def _as_recorded(self) -> tuple[dict[str, Array], Bools]:
         return self._moving(self.blocks)
 
     def by_second(self, undo: Mend = AS_RECORDED) -> Products:
         """Of the log after a correction, without what is another one in every second."""
         blocks, J, layout = self.blocks.after(undo), self._rows.joints, self._model.layout
-        motion, state = self._as_recorded if blocks.position is self.blocks.position else self._moving(blocks)
-        samples = self._rows.at(motion, motion.velocity[:, J], state, blocks.effort[:, J])
-        still = np.abs(motion.velocity[:, J]) < self.limits.step_slides
+        moving, still = self._as_recorded if blocks.position is self.blocks.position else self._moving(blocks)
+        effort, terms = blocks.effort[:, J], moving["limb_terms"].copy()
         # velocities at rest are noise, and so are friction's signs
-        samples["limb_terms"][..., :3] *= ~still[..., None]
+        terms[..., :3] *= ~still[..., None]
+        terms[..., 4] = effort
+        samples = {**moving, "limb_terms": terms, "limb_left": moving["limb_left"] + effort}
         rows = self._rows.rows(samples, self._by_mass, still)
-        known = blocks.effort[:, J] != 0.0
-        rows *= known[..., None] / (0.01 * limb_limits(self.robot)[:, None])
+        known = effort != 0.0
+        scale = known[..., None] / (0.01 * limb_limits(self.robot)[:, None])
         std, n = np.sqrt(self._model.variance), len(blocks)
         errors, holding = (rows[:, :, 11 + at] * std[at] for at in (layout.at(*_ERRORS), layout.at("limb_stiction")))
         loads = rows[:, :, 11 + layout.count :].reshape(n, len(J), -1, 10)[..., :4] * wide_prior(self.robot)[:4]
-        hidden = np.concatenate([holding, loads.reshape(n, len(J), -1)], axis=2)
-        columns = np.concatenate([rows[:, :, 10:11], errors], axis=2)
+        hidden = scale * np.concatenate([holding, loads.reshape(n, len(J), -1)], axis=2)
+        columns = scale * np.concatenate([rows[:, :, 10:11], errors], axis=2)
         found, counts, spreads = [], [], []
         for at in (blocks.group == one for one in np.unique(blocks.group)):
             H = hidden[at].reshape(-1, hidden.shape[2])
