@@ -110,8 +110,8 @@ def lower_quartile(differences: int) -> float:
 
 
 # blocks over which noise and motion of joints are taken, so that a joint that turns back is not one that stands, and
-# those that a joint pauses for at least, 60 ms
-_BLOCKS, _PAUSE = 25, 3
+# those that a joint pauses for at least, 40 ms: a knee that turns round in each stance is at rest for less
+_BLOCKS, _PAUSE = 25, 2
 
 
 class RunningSums:

@@ -29,8 +29,11 @@ friction of all others may do to a block's rows, one standard deviation of it, a
     rows ← (1 + n H Hᵀ)^-1/2 rows
 
 Its friction at rest is another one each time: a mean, as of any joint at standstill, and a deviation from it, whose
-mean over some rests is `ModelErrors.rests` of what holds a joint that has not moved. The same is true of a joint that
-pauses in its stances, as knees of a trot may: it holds what the way it came to rest left, which a load changes.
+mean over some rests is `ModelErrors.rests` of what holds a joint that has not moved. A joint that pauses in its
+stances, as knees of a trot may, comes to rest in the same way in each, and in another way under a load: there the
+deviation is whole. Payloads of 26 simulated trots are at most 1.6 standard deviations off with it, 3.4 without, and
+those of three others, whose knees pause for a fifth to a half of each stance, 2.4 in place of 6.6. Knees of a real Mini
+Cheetah do not pause: its bars are the same.
 """
 
 from __future__ import annotations
@@ -178,7 +181,7 @@ class Segment:
             lifts = np.sign(columns[:3, 0] @ C[:3, place["offset"]])  # the sign of `stiction`, see `stadera.trunk.rows`
             C[:, place["standstill"]] -= free * lifts * C[:, place["stiction"]]
             C[:, place["stiction"]] *= np.where(free, rows.rests, 1.0)
-            C[:, place["stiction"]] -= rows.rests * rows.pauses * lifts * C[:, place["standstill"]]  # none stands
+            C[:, place["stiction"]] -= rows.pauses * lifts * C[:, place["standstill"]]  # of joints that do not stand
         if free.all():
             return replace(rows, columns=columns, hidden=None)
         felt = discounted(np.hstack([columns, np.eye(6)]), rows.hidden * ~free)

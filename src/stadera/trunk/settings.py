@@ -92,7 +92,7 @@ class ModelErrors:
         rests: the same of a joint that has slid both ways under a load, in which each rest has another friction: the
             deviation of their mean over some rests, as a share of `held` [1]. Assumed, as of two rests. With 0.5 places
             of payloads on 22 simulated crawls are 1.5 standard deviations off (rms), with 0.7 at most 1.1; with one
-            bars of masses are a quarter wider. Also of joints that pause in the stances of a walk.
+            bars of masses are a quarter wider.
         gears: factor on the friction of legs on flat feet while they slide, and on what their fit allows for at rest
             [1]. A model does not say whether their gears are planetary, as a G1's, whose static friction is 1.7 to
             2.4 % of the limits (its maker's drives for simulators, Unitree RL Lab), or harmonic, as Talos' and iCub's,
