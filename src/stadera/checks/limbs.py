@@ -33,7 +33,7 @@ from stadera.robot.limbs import Limbs, place_of
 from stadera.robot.model import Robot
 from stadera.trunk.error_model import ErrorModel, limb_limits
 from stadera.trunk.history import wide_prior
-from stadera.trunk.limbs import LimbRows, by_mass_and_centre
+from stadera.trunk.limbs import TERMS, LimbRows, by_mass_and_centre
 from stadera.trunk.settings import ModelErrors
 from stadera.types import Array, Bools
 
@@ -102,11 +102,11 @@ class LimbFooting:
         alpha = blocks.slopes(omega)
         at_origin = force_at_origin(a, omega, blocks.lever, alpha)
         motion = Motion(blocks.position, blocks.rate, blocks.slopes(blocks.rate), omega, alpha, at_origin, unit(a))
-        velocity = motion.velocity[:, self._rows.joints]
-        state = self._body.at(motion, columns=True)
-        return self._rows.at(motion, velocity, state, np.zeros_like(velocity)), np.abs(
-            velocity
-        ) < self.limits.step_slides
+        state, velocity = self._body.at(motion, columns=True), motion.velocity[:, self._rows.joints]
+        still = np.abs(velocity) < self.limits.step_slides
+        samples = self._rows.at(motion, velocity, state, np.zeros_like(velocity))
+        samples["limb_terms"][..., :3] *= ~still[..., None]  # velocities at rest are noise, and so are friction's signs
+        return samples, still
 
     @cached_property
     def _as_recorded(self) -> tuple[dict[str, Array], Bools]:
@@ -117,9 +117,7 @@ class LimbFooting:
         blocks, J, layout = self.blocks.after(undo), self._rows.joints, self._model.layout
         moving, still = self._as_recorded if blocks.position is self.blocks.position else self._moving(blocks)
         effort, terms = blocks.effort[:, J], moving["limb_terms"].copy()
-        # velocities at rest are noise, and so are friction's signs
-        terms[..., :3] *= ~still[..., None]
-        terms[..., 4] = effort
+        terms[..., TERMS.index("limb_gain")] = effort
         samples = {**moving, "limb_terms": terms, "limb_left": moving["limb_left"] + effort}
         rows = self._rows.rows(samples, self._by_mass, still)
         known = effort != 0.0

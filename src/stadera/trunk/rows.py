@@ -14,7 +14,7 @@ the feet held, G = ∂b/∂q̈, an error p of the model (`stadera.trunk.error_mo
     rotor, friction, offset    -E q̈, -E q̇, -E s, -E       s: smoothed sign of q̇, of velocities averaged over a block
     gain, lag of the torques   -E τ, +E τ̇                  true torque: (1 - g) τ + d τ̇
     load friction              -E s |τ|               a gear's losses, a share of what its joint carries
-    stiction                   ∓E √(1 - s²)                what holds a joint that rests, positive upwards
+    stiction                   ∓E √(1 - s²)                what holds a joint that stands, positive upwards
     standstill                 -E √(1 - s²)                the same of a joint that slides at other times
     encoder, contact, unfelt   +∂b/∂q, -∂b/∂p_contact, -∂b/∂m     at the block's middle, by differences and closed form
     link mass and centre       -∂b/∂(m, c)                 of `State.columns` by φ, and of φ by m and c
