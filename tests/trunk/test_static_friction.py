@@ -8,12 +8,17 @@ import numpy as np
 import pytest
 
 from layout import ERRORS, LAYOUT
+from stadera.lab.plant.sensors import STANDARD
 from stadera.robot import load_robot
+from stadera.robot.imu import ImuMount
 from stadera.trunk.block_rows import BlockRows, SwingRows, WeightedRows, Weighting
+from stadera.trunk.front import Front
 from stadera.trunk.history import History
 from stadera.trunk.noise import Lately
+from stadera.trunk.samples import Samples
 from stadera.trunk.segment import Segment
 from stadera.trunk.settings import TrunkSettings
+from walking import Walk, recorded, walked
 
 RNG = np.random.default_rng(8)
 FORWARD, BACKWARD = np.eye(2, dtype=bool)
@@ -152,3 +157,19 @@ def test_a_joint_pauses_after_two_blocks_at_rest_or_creeping_and_blocks_may_come
     parts = Lately()
     found = [parts.pauses(velocity[k : k + 2], least[k : k + 2], follows[:2]) for k in range(0, 12, 2)]
     assert np.array_equal(np.concatenate(found), expected)
+
+
+@pytest.mark.parametrize(("period", "sway"), [(0.8, 0.0), (0.0, 0.0), (0.0, 0.01)], ids=["march", "stand", "sway"])
+def test_joints_pause_in_the_stances_of_a_robot_that_marches_and_in_no_other_motion(period: float, sway: float) -> None:
+    robot = load_robot("hyq")
+    walk = Walk(seconds=3.0, rate_hz=500.0, speed=0.0, period=period, tilt=0.0, sway=sway, frequency=0.5)
+    log = recorded(robot, walked(robot, walk), STANDARD)
+    front = Front(robot, ImuMount.of(robot), TrunkSettings())
+    front.take(Samples.of_recording(log, robot).table)
+    swings = [made.rows.swing for made in front.made() if made.rows is not None]
+    pauses, air = (np.array([getattr(swing, name) for swing in swings]) for name in ("pauses", "air"))
+    if period:
+        swinging = np.repeat(air & np.roll(air, 1, axis=0), 3, axis=1)
+        assert pauses[swinging].mean() < 0.1 < pauses.mean()
+    else:
+        assert not pauses.any()

@@ -79,21 +79,16 @@ def test_a_place_that_the_log_contradicts_is_doubted(robot: Robot, made: Run) ->
 
 
 # -- what is wrong with the arms --------------------------------------------------------------------------------------
-def exchanged(recording: Recording, *channels: str) -> Recording:
-    """Left and right arm, in these channels."""
-    others = recording.others
-    assert others is not None
-    mirror = {"left": "right", "right": "left"}
-    names = ["_".join((mirror.get(side, side), rest)) for side, rest in (n.split("_", 1) for n in others.names)]
-    order = [others.names.index(name) for name in names]
-    return replace(recording, others=replace(others, **{c: getattr(others, c)[:, order] for c in channels}))
-
-
 def reordered(recording: Recording, order: Sequence[int], *channels: str) -> Recording:
     """Joints outside the legs, which are called as if they came in the robot's order."""
     others = recording.others
     assert others is not None
     return replace(recording, others=replace(others, **{c: getattr(others, c)[:, order] for c in channels}))
+
+
+def exchanged(recording: Recording, *channels: str) -> Recording:
+    """Left and right arm, in these channels."""
+    return reordered(recording, [*range(3), *range(10, 17), *range(3, 10)], *channels)
 
 
 def scaled(recording: Recording, part: str, factor: float, *channels: str) -> Recording:
@@ -110,7 +105,7 @@ FAULTS: dict[str, Callable[[Recording], Recording]] = {
     "joints by kind and by arm are swapped": lambda log: reordered(
         log, [*range(3), *np.arange(3, 17).reshape(2, 7).T.ravel()], "position", "velocity", "effort"
     ),
-    "the torques of joints of the arms and those before them are swapped": lambda log: reordered(
+    "the torques of joints of the arms and others outside the legs are swapped": lambda log: reordered(
         log, [*range(3, 17), *range(3)], "effort"
     ),
     "the sign of the torque of 'left_elbow_joint' is reversed": lambda log: scaled(log, "left_elbow", -1.0, "effort"),

@@ -110,10 +110,10 @@ def limb_faults(robot: Robot, *, degrees: bool) -> Iterator[Hypothesis]:
         by_kind, by_arm = [joint for pair in zip(*arms, strict=True) for joint in pair], [*arms[0], *arms[1]]
         swapped = zip(by_arm, [*arms[1], *arms[0]], strict=True)
         yield from _exchanged(f"the arms of {extra.links[one]} and {extra.links[other]}", [*swapped], _WHICH)
-        before = [extra.joints[k] for k in limbs.joints if extra.joints[k] not in by_arm]
+        rest = [extra.joints[k] for k in limbs.joints if extra.joints[k] not in by_arm]  # of a waist, of a head
         orders = {"joints by kind and by arm": (by_kind, by_arm)}
-        if before:
-            orders["joints of the arms and those before them"] = [*by_arm, *before], [*before, *by_arm]
+        if rest:
+            orders["joints of the arms and others outside the legs"] = [*by_arm, *rest], [*rest, *by_arm]
         for what, (order, another) in orders.items():
             for pairs in (zip(order, another, strict=True), zip(another, order, strict=True)):
                 yield from _exchanged(what, [*pairs], _WHICH)

@@ -107,6 +107,7 @@ def identify(
 
     from stadera.identify.legs import identify as identify_legs
     from stadera.report.identify.tables import identification_tables
+    from stadera.report.table import notes
 
     model = shape.load(options.robot(robot, logs[0]), options.reading.limits)
     files.check(export, table, memory)
@@ -124,8 +125,7 @@ def identify(
     drawn = (table, lambda draft: result.save_draws(draft, count))
     kept = [] if result.memory is None else [(memory, result.memory.save_json)]
     files.write_result(result, (export, partial(save_model, result)), drawn, *kept)
-    said = (f"note: {note}" for note in result.notes if memory is not None and "the robot's memory" in note)
-    show(*identification_tables(result), *said)
+    show(*identification_tables(result), *notes(note for note in result.notes if "the robot's memory" in note))
     if export is not None and export.suffix.lower() == ".urdf":
         show("note: a URDF has no place for rotor inertia; MJCF (.xml) and the drives (.yaml) have, as --json has all")
 

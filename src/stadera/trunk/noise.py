@@ -110,7 +110,8 @@ def lower_quartile(differences: int) -> float:
 
 
 # blocks over which noise and motion of joints are taken, so that a joint that turns back is not one that stands, and
-# those that a joint pauses for at least, 40 ms: a knee that turns round in each stance is at rest for less
+# those that a joint pauses for at least, 40 ms: a knee that turns round in each stance is at rest for less. With one
+# payloads of 25 simulated trots are 0.61 standard deviations off (rms), with two 0.69, without pauses 1.06
 _BLOCKS, _PAUSE = 25, 2
 
 
@@ -129,7 +130,7 @@ class RunningSums:
         total = np.zeros((len(known) + 1, known.shape[1]))
         known.cumsum(axis=0, out=total[1:])
         begin = np.maximum(end - self._length, 0)
-        self._known = known[1 - self._length :]
+        self._known = known[-self._length :]
         return total[end] - total[begin], (end - begin)[:, None]
 
 
