@@ -19,7 +19,7 @@ LOAD = InertialParameters.from_com(8.0, [0.1, 0.0, 0.2], 0.1 * np.eye(3))
 class Swing:
     """Three joints on sinusoids about a middle (3,) [rad]."""
 
-    def __init__(self, middle: np.ndarray, seconds: float = 8.0) -> None:
+    def __init__(self, middle: np.ndarray, seconds: float = 5.0) -> None:
         self.time = np.arange(0.0, seconds, 0.004)
         speed = 2 * np.pi * np.array([0.5, 0.7, 0.9])
         angle = speed * self.time[:, None] + np.array([0.0, 1.0, 2.0])
@@ -27,7 +27,7 @@ class Swing:
 
 
 def swing_log(path: Path) -> Path:
-    """The four legs for eight seconds at 250 Hz, without sensor errors."""
+    """The four legs for five seconds at 250 Hz, without sensor errors."""
     robot = load_robot("hyq")
     legs = []
     for leg in robot.legs:
@@ -44,7 +44,7 @@ def swing_log(path: Path) -> Path:
 
 
 def walk_log(path: Path) -> Path:
-    """Six seconds at 250 Hz with sensor errors; `LOAD` comes at 3 s."""
+    """4.5 s at 250 Hz with sensor errors; `LOAD` comes at 2.7 s."""
     robot = load_robot("hyq")
-    motion = walked(robot, Walk(seconds=6.0, rate_hz=250.0, load=LOAD, loaded_at=3.0))
+    motion = walked(robot, Walk(seconds=4.5, rate_hz=250.0, load=LOAD, loaded_at=2.7))
     return write_table(recorded(robot, motion, STANDARD, 0), path)

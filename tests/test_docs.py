@@ -149,7 +149,7 @@ def remaining(page: Path) -> Iterator[list[str]]:
         if any(word in ELSEWHERE for word in words):
             continue
         words = [AT_HAND.get(word, word) for word in words[1:]]
-        yield [*words, "--duration", "3.5"] if words[0] == "simulate" else words
+        yield [*words, "--duration", "3.0"] if words[0] == "simulate" else words
 
 
 @pytest.fixture(scope="module")
@@ -159,7 +159,7 @@ def logs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     walk = read(walk_log(made / "walk.csv"))
     (made / "log.csv").write_bytes((made / "walk.csv").read_bytes())
     write_mcap(of_recording(walk), made / "walk.mcap")
-    for name, rows in (("empty.mcap", slice(0, 700)), ("loaded.mcap", slice(800, None))):
+    for name, rows in (("empty.mcap", slice(0, 500)), ("loaded.mcap", slice(700, None))):
         write_mcap(of_recording(take(walk, rows)), made / name)
     return made
 
