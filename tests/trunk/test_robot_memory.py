@@ -28,7 +28,7 @@ def sway(seed: int) -> Sinusoids:
     largest = np.array([0.16, 0.16, 0.08, 0.01, 0.01, 0.0])
     amplitudes = np.repeat(0.5 * largest[None, :, None], 2, axis=2)
     frequencies, phases = rng.uniform(0.6, 1.6, (1, 6, 2)), rng.uniform(0.0, 6.0, (1, 6, 2))
-    starts = np.array([0.0, 3.5])
+    starts = np.array([0.0, 2.5])
     return Sinusoids(AXES, np.zeros(6), np.zeros((1, 6)), amplitudes, frequencies, phases, starts, 0.5)
 
 
