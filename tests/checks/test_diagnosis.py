@@ -397,13 +397,16 @@ def test_a_log_without_imu_or_torques_is_looked_at_as_far_as_it_goes(hyq: Robot,
     assert diagnose(replace(clean, effort=None), hyq) == ()
 
 
-@pytest.mark.parametrize("cause", ["imu_frame", "joint_order"])
-def test_what_a_trot_on_slipping_feet_shows_plainly_is_named(cause: str) -> None:
+@cache
+def slipping() -> Recording:
+    return simulate(load_robot("a1"), "trot", SimulateSettings("real", duration=6.0, seed=1, hold=2)).recording
+
+
+@pytest.mark.parametrize("cause", [None, "imu_frame", "joint_order"])
+def test_what_a_trot_on_slipping_feet_shows_plainly_is_named(cause: str | None) -> None:
     """Feet slip and friction turns with the motion: most of the cost remains under the right hypothesis too."""
-    robot = load_robot("a1")
-    log = simulate(robot, "trot", SimulateSettings("real", duration=6.0, seed=1, hold=2)).recording
+    log = wrong = slipping()
     assert log.imu is not None
-    assert diagnose(log, robot) == ()
     if cause == "imu_frame":
         half_turn = np.array([-1.0, -1.0, 1.0])
         turned = replace(
@@ -413,8 +416,7 @@ def test_what_a_trot_on_slipping_feet_shows_plainly_is_named(cause: str) -> None
             orientation=None,
         )
         wrong = replace(log, imu=turned)
-    else:
+    elif cause is not None:
         order = [*range(3, 6), *range(3), *range(9, 12), *range(6, 9)]
         wrong = replace(log, **{name: getattr(log, name)[:, order] for name in ("position", "velocity", "effort")})
-    found = diagnose(wrong, robot)
-    assert [finding.cause for finding in found] == [cause]
+    assert [finding.cause for finding in diagnose(wrong, load_robot("a1"))] == [cause] * (cause is not None)
