@@ -35,7 +35,7 @@ def test_errors_are_compared_with_what_was_drawn() -> None:
 
 
 def test_a_short_run_has_all_figures() -> None:
-    outcome = identified(IdentifiedCase("go2", 5.0, True, 0))
+    outcome = identified(IdentifiedCase("go2", 3.0, True, 0))
     assert outcome["refused"] is None
     assert len(outcome["drives"]["coulomb"]) == len(outcome["links"]) == 12
     assert len(outcome["trunk"]) == 4
