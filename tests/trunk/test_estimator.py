@@ -483,11 +483,11 @@ def test_a_push_is_said_while_it_lasts() -> None:
 
 def test_white_noise_does_not_make_the_trunk_lighter_the_longer_the_log() -> None:
     """Torques' noise is in the target and in the columns of the model's errors: p̂ would follow it ever more."""
-    walk, noisy = motion(Walk(seconds=16.0, rate_hz=RATE)), []
+    walk, noisy = motion(Walk(seconds=24.0, rate_hz=RATE)), []
     estimator, begin = TrunkEstimator(robot()), 0.0
     loud = replace(STANDARD, torque=3.0 * STANDARD.torque, torque_constant=0.0, accelerometer_constant=0.0)
     made = samples(walk, replace(loud, accelerometer=3.0 * STANDARD.accelerometer, gyro_constant=0.0), 3)
-    for end in (4.0, 16.0):
+    for end in (4.0, 24.0):
         estimator.add(made[(made.time >= begin) & (made.time < end)])
         begin = end
         noisy.append(error(estimator, trunk())[0] / robot().mass)
