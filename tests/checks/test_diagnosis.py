@@ -161,6 +161,16 @@ def test_a_hypothesis_must_itself_fit(fits: bool) -> None:
     assert [finding.cause for finding in found] == ["gyro_unit"] * fits
 
 
+@pytest.mark.parametrize("clock", [0.995, 1.005])
+def test_a_log_at_50_hz_shows_its_feet_whatever_its_clock(clock: float) -> None:
+    robot, log = load_robot("go2"), of_go2("shake", 6.0)
+    slow = log.mapped(lambda name, values: (clock if name == "time" else 1.0) * values[::5])
+    assert not diagnose(slow, robot)
+    assert slow.imu is not None
+    wrong = with_imu(slow, angular_velocity=-slow.imu.angular_velocity, orientation=None)
+    assert [finding.cause for finding in diagnose(wrong, robot)] == ["gyro_unit"]
+
+
 def test_balance_leaves_what_least_squares_leave() -> None:
     """Against `lstsq`, group by group; groups of few instants have no balance."""
     robot, limits = load_robot("go2"), CheckLimits()

@@ -50,7 +50,8 @@ class Instants:
         chosen = [recording.index(joint) for joint in joints]
         steps = np.diff(recording.time)
         period = float(np.median(steps)) if len(steps) else limits.instant
-        n = max(round(limits.instant / period), limits.instant_samples) if 2.0 * period <= limits.instant else 1
+        resolved = limits.instant_samples * period <= 2.0 * limits.instant
+        n = max(round(limits.instant / period), limits.instant_samples) if resolved else 1
         rows = _thinned(len(recording) // n, limits.instants, limits)
 
         def cut(values: Array) -> Array:
