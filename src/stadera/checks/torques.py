@@ -14,8 +14,9 @@ best
 
 k instants sharing one error. Another order than the recorded one is found where
 
-- its forces are possible on average (`stadera.checks.statics`): with the torques of a front and a hind leg whose knees
-  bend the other way these two pull at the ground, and a robot of hardly any weight fits;
+- its forces are possible on average (`stadera.checks.statics`): in a squat all legs do the same, and with the torques of
+  a front and a hind leg whose knees bend the other way these two pull at the ground, and a robot of hardly any weight
+  fits better than the right one. Then no other order counts, either;
 - it gains more than by chance in any of the orders, also without the second that it gains most in: swapped torques are
   wrong all the time, a load that lands or a push for a moment;
 - it gains as much over any other order: where several gain alike, what they gain is something else, such as friction of
@@ -45,7 +46,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import islice
 from typing import ClassVar
 
 import numpy as np
@@ -196,16 +196,12 @@ def misread_in_motion(footing: Footing) -> tuple[list[Hypothesis], float] | None
     seconds = {one: rows.by_second(alone, one.undo) for one in hypotheses}
     fits = {one: each.likelihood(limits.order_repeated) for one, each in seconds.items()}
     ranked = sorted(fits, key=lambda one: fits[one].cost)
-    if fits[recorded].cost - fits[ranked[0]].cost <= limits.order_gain:
-        return None
-
-    def possible(one: Hypothesis) -> bool:
-        return one is recorded or not Consistency.of(rows.footing.after(one.undo)).faults
-
-    best, rival, *_ = *islice(filter(possible, ranked), 2), recorded
+    best, rival = (*ranked, recorded)[:2]
     fit = fits[best]
     error = 0.01 * np.sqrt(fit.variance / limits.order_repeated)
     if best is recorded or fits[rival].cost - fit.cost <= limits.order_gain or error > limits.order_fits:
+        return None
+    if Consistency.of(rows.footing.after(best.undo)).faults:
         return None
     always = seconds[recorded].gains_always(seconds[best], 0.5 * limits.order_gain, limits.order_repeated)
     if not always or (best in signs and not _shows_sign(rows.footing, best)):
