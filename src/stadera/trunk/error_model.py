@@ -214,9 +214,11 @@ class ErrorModel:
         deviation = np.zeros(self.layout.count)
         for name, place in self.layout.places.items():
             deviation[place] = std[name]
-        alike = {"rotor": sizes.alike, "viscous": sizes.alike, "coulomb": sizes.alike, "stiction": sizes.sagging}
+        alike = dict.fromkeys(("rotor", "viscous", "coulomb", "load_friction"), sizes.alike)
+        alike["stiction"] = sizes.sagging
         found = {name: np.isfinite(own) for name, own in known.items()}
         found["stiction"] = found["coulomb"]
+        found["load_friction"] = np.zeros(len(joints), dtype=bool)  # no model file has it
         correlation = _correlation(self.layout, alike, found, _POSITIVE if self.layout.flat else 0.0)
         self.covariance: Array = correlation * np.outer(deviation, deviation)
         self.variance = np.diag(self.covariance).copy()
