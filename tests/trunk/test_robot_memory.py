@@ -101,8 +101,8 @@ def test_a_robot_that_was_on_a_scale_remembers_the_scale_of_its_torques() -> Non
 
 def test_logs_without_a_scale_never_tell_the_scale_of_the_torques() -> None:
     """However many they are: what they have wrong by that scale, they have wrong alike."""
-    memory = remembered(1, 2)
-    alone, after = weighed(1, 7).payload, weighed(1, 7, memory).payload
+    memory = remembered(0, 2)
+    alone, after = weighed(0, 7).payload, weighed(0, 7, memory).payload
     assert alone is not None
     assert after is not None
     assert after.mass_std_without_scale < alone.mass_std_without_scale
