@@ -8,6 +8,9 @@ Joint by joint, in windows of a second:
 - impossible torque: several times the drive's limit, or above it and apart from all others of the joint.
 - clipped torque: a signal that changes with every sample elsewhere but repeats its maximum bit for bit.
 - torque that is only noise: means over 5 and 20 ms are uncorrelated, while those of the other torques are correlated.
+
+Velocity, jumps and noise are looked at where the samples resolve the motion: between those of a trot at 50 Hz a knee
+turns by 0.1 to 0.3 rad that no velocity shows, and a hip's torque changes at will.
 """
 
 from collections.abc import Iterator, Sequence
@@ -71,8 +74,9 @@ def window_faults(recording: Recording, robot: Robot, limits: WindowLimits | Non
     if len(recording) < limits.fewest:
         return ()
     windows, joints = Windows.of(recording.time, limits.length), robot.tree.joints
+    resolved = _resolved(recording.channel("position", joints), limits)
     found: list[Finding] = []
-    if recording.velocity is not None:
+    if recording.velocity is not None and resolved:
         for k in range(0, len(joints), limits.at_once):
             found += _velocity(recording, joints[k : k + limits.at_once], windows, limits)
         found.sort(key=lambda fault: fault.cause != "position")
@@ -80,9 +84,19 @@ def window_faults(recording: Recording, robot: Robot, limits: WindowLimits | Non
         effort = recording.channel("effort", joints)
         for check in (_beyond, _clipped):
             found += check(effort, robot, windows, limits)
-        tested = np.abs(_holding(recording, robot)) > _white(effort, limits)
+        tested = resolved & (np.abs(_holding(recording, robot)) > _white(effort, limits))
         found += _noise(effort, robot, windows, limits, tested)
     return tuple(found)
+
+
+def _resolved(position: Array, limits: WindowLimits) -> bool:
+    """Whether positions (samples, n) turn by less from one step to the next than what counts as a jump, but for a few
+    samples, and for one joint, whose encoder may be broken.
+
+    Of 60 simulated trots half do at 100 Hz, and all but one at 200; of 30 crawls 24 at 60 Hz, and all at 100.
+    """
+    turns = np.quantile(np.abs(np.diff(position, 2, axis=0)), 1.0 - limits.few, axis=0)
+    return bool(np.sort(turns)[:-1].max(initial=0.0) < limits.jump)
 
 
 def with_verdicts(
