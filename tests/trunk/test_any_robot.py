@@ -357,7 +357,7 @@ def test_noise_of_an_arms_velocities_does_not_move_its_load() -> None:
     assert payload is not None
     assert payload.mass == pytest.approx(2.0, abs=0.02)
     np.testing.assert_allclose(payload.com[:2], IN_HAND.com[:2], atol=8e-3)
-    assert abs(payload.com[2] - IN_HAND.com[2]) < 2.0 * payload.com_std[2]  # along the arm, where it shows by swings alone
+    assert abs(payload.com[2] - IN_HAND.com[2]) < 2.0 * payload.com_std[2]  # along the arm, shown by its swings alone
 
 
 def test_friction_of_the_legs_and_noise_of_an_arm_do_not_hide_what_it_holds() -> None:

@@ -14,9 +14,9 @@ best
 
 k instants sharing one error. Another order than the recorded one is found where
 
-- its forces are possible on average (`stadera.checks.statics`): in a squat all legs do the same, and with the torques of
-  a front and a hind leg whose knees bend the other way these two pull at the ground, and a robot of hardly any weight
-  fits better than the right one. Then no other order counts, either;
+- its forces are possible on average (`stadera.checks.statics`): in a squat all legs do the same, and with the torques
+  of a front and a hind leg whose knees bend the other way these two pull at the ground, and a robot of hardly any
+  weight fits better than the right one. Then no other order counts, either;
 - it gains more than by chance in any of the orders, also without the second that it gains most in: swapped torques are
   wrong all the time, a load that lands or a push for a moment;
 - it gains as much over any other order: where several gain alike, what they gain is something else, such as friction of

@@ -48,8 +48,8 @@ class Equations:
 class SwingRows:
     """A window's rows in joint space, for legs in the air: see `stadera.trunk.swing.SwingJoints.add`; `white` is the
     variance, `slides` (2, J) tells joints that slide forward, and backward, throughout the window, `unsure` is with s
-    of the mean velocity and, as wide as that, its noise, `stepping` is as of `Lifted`, `pauses` (J,) tells joints at
-    rest for some blocks of a robot that steps.
+    of the mean velocity and, as wide as that, its noise, `stepping` and `swings` (legs,) are as of `Lifted`, `pauses`
+    (J,) tells joints at rest for some blocks of a robot that steps.
     """
 
     air: Bools
@@ -61,6 +61,7 @@ class SwingRows:
     unsure: Array
     stepping: bool = False
     pauses: Bools = field(default_factory=lambda: np.zeros(1, dtype=bool))
+    swings: Bools = field(default_factory=lambda: np.zeros(1, dtype=bool))
 
 
 @dataclass(frozen=True, eq=False)

@@ -100,21 +100,21 @@ class Fit:
         return _without(self.sums, self.errors, self.layout.by_swing)
 
     def trust(
-        self, robot: Robot, errors: ErrorModel, settings: TrunkSettings, swing_misfit: float, stepped: Array
+        self, robot: Robot, errors: ErrorModel, settings: TrunkSettings, swing_misfit: float, swing: SwingJoints
     ) -> Trust:
-        """The verdict, with reasons.
-
-        Args:
-            stepped: see `SwingJoints`.
-        """
+        """The verdict, with reasons."""
         bad = self.misfit > settings.doubtful
         reasons: tuple[str, ...] = (self._cause(errors, settings.explained),) if bad else ()
         if swing_misfit > settings.bad:
             reasons += (f"joints of legs in the air are {swing_misfit:.0f} times as far from the model as expected",)
-        names = [joint for leg in robot.legs for joint in leg.joints]
+        names, stepped = [joint for leg in robot.legs for joint in leg.joints], swing.stepped
         reasons += tuple(
-            f"the torque of {names[k]!r} has changed by {stepped[k]:.3g} N·m since the beginning while its leg swings"
+            f"torque of {names[k]!r}: off by {stepped[k]:.3g} N·m while its leg swings, since a jump or all the time"
             for k in np.flatnonzero(stepped)
+        )
+        reasons += tuple(
+            f"leg {robot.legs[k].name} seems to carry while it swings, unlike the others: a torque of it is off"
+            for k in np.flatnonzero(swing.heavy)
         )
         verdict: Verdict = "bad" if self.misfit > settings.bad else "doubtful" if reasons else "good"
         return Trust(verdict, self.misfit, self._by_leg(robot, errors), reasons)
@@ -186,6 +186,7 @@ class ModelFit:
 
     def add_swing(self, swing: SwingRows) -> None:
         """Adds a block's rows of legs in the air."""
+        self.swing.swings += swing.swings, swing.air
         if swing.air.any():
             self.swing.add(swing.air, swing.terms, swing.rate, swing.residual, np.sqrt(swing.white), swing.unsure)
 
@@ -219,9 +220,7 @@ class ModelFit:
             if self.fit is None or self.swing_misfit is None:
                 self._trust = Trust("doubtful", 1.0, {}, ("too few rows yet to evaluate the fit",))
             else:
-                self._trust = self.fit.trust(
-                    self._robot, self.model, self._settings, self.swing_misfit, self.swing.stepped
-                )
+                self._trust = self.fit.trust(self._robot, self.model, self._settings, self.swing_misfit, self.swing)
                 if self._turned:
                     text = f"the IMU would be turned by {np.degrees(self._turned):.1f}°, more than the bars allow for"
                     alike = "a torque is off all the time, or something pushes or pulls the robot"

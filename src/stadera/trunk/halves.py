@@ -59,7 +59,7 @@ class HalfWindows:
         by_rate, squared: (B, 2, 6), of E τ̇, and, with w² for w, of E σ² Eᵀ of white torque noise.
         by_terms, by_links: (B, 2, J, 6, terms) and (B, 2, K, 6, 10), of E times q̈, q̇, s, s |τ|, 1 and τ, and of
             `State.columns`.
-        probes, middle: see `_slopes`. omega: (B, 3), mean. air: (B, L), legs in the air. stepping: (B,).
+        probes, middle: see `_slopes`. omega: (B, 3), mean. swings, air: (B, L), see `Lifted.legs`. stepping: (B,).
         end: (B,) [s]. averaged, differentiated: (B,), Σ w², and the same of differences in time [1/s²].
         limb_...: see `LimbRows.sums`. posture: (B, n + 3), joints and ground's normal at the end, of a robot with
             limbs.
@@ -94,7 +94,7 @@ class HalfWindows:
         end, begin, after = samples.time[window.edges[1:]], samples.time[window.edges[:-1] + 1], window.counts - 1
         step = np.where(after > 0, (end - begin) / np.maximum(after, 1), 0.02)
         out["omega"] = window.sums(window.mean, motion.angular_velocity)[:, 0]
-        out["air"] = self._lifted.legs(state, motion, contacts[..., :3], sure, step, window.edges)
+        out["swings"], out["air"] = self._lifted.legs(state, motion, contacts[..., :3], sure, step, window.edges)
         out["stepping"] = self._lifted.stepping(state.pace, window.edges)
         out |= {"end": end, "averaged": window.averaged, "differentiated": window.differences / step**2}
         if self._limbs is not None:

@@ -251,12 +251,12 @@ class RowMaker:
         white = self._white(sums, responses, noise)
         vague = np.sqrt(STICTION_VELOCITY**2 + sums["averaged"][:, None] * noise.velocity)
         unsure = 1.0 - np.tanh(joint[:, 1] / vague) ** 2
-        air = first["air"] & second["air"]
+        air, swings = (first[name] & second[name] for name in ("air", "swings"))
         rows: list[BlockRows | None] = [None] * len(follows)
         for b in np.flatnonzero(follows):
             of_joints = air[b], joint[b, :5], joint[b, 5], joint[b, 6], noise.torque[b], slides[b], unsure[b]
             time, own = (float(second["end"][b]), float(elapsed[b])), None if limbs is None else limbs[b]
-            swing = SwingRows(*of_joints, bool(stepping[b]), pauses[b])
+            swing = SwingRows(*of_joints, bool(stepping[b]), pauses[b], swings[b])
             rows[b] = BlockRows(*time, columns[b], white[b], swing, own)
         return rows
 

@@ -187,6 +187,10 @@ class SwingDetection:
         recent: rows of a joint, over which its latest residual is averaged. step: average residual that friction laws
             do not have, and a torque sensor that jumps does, share of the effort limit [1]. wild_step: the same, times
             the usual residual of all joints [1].
+        fewest_swings: blocks of a leg from which on it is compared with the others, three steps of a trot. usual_air:
+            share of them in which half of the legs are in the air, above which one with less than half as much has a
+            torque that is off [1]. In 24 simulated walks of sound robots that show so much the least one has 0.82 of
+            the usual share; walks of a real Mini Cheetah and a Go2 show less, and tell nothing.
     """
 
     lift: float = 0.03
@@ -204,6 +208,8 @@ class SwingDetection:
     recent: float = 12.0
     step: float = 0.04
     wild_step: float = 6.0
+    fewest_swings: float = 20.0
+    usual_air: float = 0.6
 
     def __post_init__(self) -> None:
         _positive(self)

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from scipy.linalg import lapack
 
 from stadera.body import Body, Motion, State
-from stadera.constants import GRAVITY
+from stadera.constants import GRAVITY, MEDIAN_OF_CHI2
 from stadera.trunk.error_model import ErrorModel
 from stadera.trunk.settings import SwingDetection
 from stadera.types import Array, Bools
@@ -43,9 +43,10 @@ class SwingJoints:
 
     Attributes:
         root: L (errors, errors) of the prior L Lᵀ. rows: number of rows so far, by their weights.
-        stepped: [N·m] by joint, by how much the recorded torque has departed from the law that held at first,
-            if an average over successive rows is beyond all usual ones and what is not known of that law, as after a
-            jump of a torque sensor; else zero.
+        stepped: [N·m] by joint, by how much the recorded torque departs from the law that holds at first, if an average
+            over successive rows is beyond all usual ones and what is not known of that law, as after a jump of a
+            torque sensor or with an offset far beyond its prior size; else zero.
+        swings: (2, legs), number of blocks in which a leg swings, and of those in which it is in the air.
     """
 
     def __init__(self, errors: ErrorModel, settings: SwingDetection) -> None:
@@ -64,6 +65,7 @@ class SwingJoints:
         self._first: list[tuple[Array, Array, Array, Array, NDArray[np.int64]]] | None = []
         self._expected, self._unknown, self._loud = np.zeros(count), np.zeros((layout.joints, 6, 6)), np.inf
         self._averaged, self._average, self.stepped = np.zeros((3, layout.joints))
+        self.swings = np.zeros((2, len(layout.legs)))
         self._row = np.zeros((layout.joints, 6))
         self._found: tuple[Array, Array, float] | None = None
 
@@ -108,14 +110,20 @@ class SwingJoints:
         """Weighs the first rows, which were summed before the law was known, by what they leave of it together."""
         assert self._first is not None
         rows, residual, own, unsure, joint = (np.concatenate(part) for part in zip(*self._first, strict=True))
-        self._first, self._last = None, self._least_squares(np.ones(len(self._right)))[0]
-        square = (residual + rows @ self._last) ** 2 / own
-        self._typical = max(float(np.median(square)) / 0.455, self._settings.quietest)  # the median of χ² of one
+        self._last = self._least_squares(np.ones(len(self._right)))[0]
+        self._typical, self._first = self._usually(self._last), None
         for _ in range(4):
             self._square, self.rows = 0.0, 0.0
             self._normal, self._right = np.zeros_like(self._normal), np.zeros_like(self._right)
             self._sum(rows, residual, 1.0 / (own + unsure * self._square_held[joint] / self._typical))
             self._learn(*self._least_squares(np.ones(len(self._right))))
+
+    def _usually(self, mean: Array) -> float:
+        """Usual variance of the rows' residual at a law, as a share of the stated one, whatever single joints leave."""
+        if self._first is None:
+            return self._typical
+        square = np.concatenate([(residual + rows @ mean) ** 2 / own for rows, residual, own, _, _ in self._first])
+        return max(float(np.median(square)) / MEDIAN_OF_CHI2, self._settings.quietest)
 
     def _learn(self, mean: Array, covariance: Array, loud: float) -> None:
         """Takes the law by which later rows are weighed."""
@@ -138,6 +146,16 @@ class SwingJoints:
         large = (self._averaged > 0.5) & (np.abs(mean) > self._settings.step * self._limit)
         large &= mean**2 > self._settings.wild_step**2 * variance
         self.stepped[:] = np.where(large & (np.abs(mean) > np.abs(self.stepped)), -mean, self.stepped)
+
+    @property
+    def heavy(self) -> Bools:
+        """Legs (legs,) that carry by their torques while they swing, where the others are in the air. An offset of a
+        knee's torque by a fifth of its limit carries as much as a foot may.
+        """
+        swings, air = self.swings
+        share, usual = air / np.maximum(swings, 1.0), self._settings.usual_air
+        typical = float(np.median(share))
+        return np.asarray((swings >= self._settings.fewest_swings) & (share < 0.5 * typical) & (typical > usual))
 
     @property
     def misfit(self) -> float:
@@ -170,9 +188,9 @@ class SwingJoints:
         known = self.rows > self._settings.enough * count
         if known and self._first is not None:
             self._sum_anew()
-        mean, covariance, loud = self._found = self._least_squares(np.ones(count))
+        mean, covariance, _ = self._found = self._least_squares(np.ones(count))
         if self.rows > 2 * count and self._loud == np.inf:  # compared with the log's beginning
-            self._expected, self._loud = mean, loud / self._settings.repeated
+            self._expected, self._loud = mean, self._usually(mean)
             at = np.column_stack([self._at.T, np.full(len(self._each), self._lag)])
             self._unknown = covariance[at[:, :, None], at[:, None]]
         if known:
@@ -219,8 +237,9 @@ class Lifted:
 
     def legs(
         self, state: State, motion: Motion, force: Array, sure: Array, step: Array, edges: NDArray[np.int64]
-    ) -> Bools:
-        """Legs in the air throughout each of B blocks, (B, legs).
+    ) -> tuple[Bools, Bools]:
+        """Legs that swing while the others carry the robot, and those of them that are in the air, throughout each of B
+        blocks, (B, legs).
 
         Args:
             force: (n, legs, 3) [N], of the model as it is. sure: (n, joints), smoothed sign of the velocities.
@@ -246,8 +265,9 @@ class Lifted:
         away = pace - others @ (press[..., None] * pace) / pressed[..., None]
         off = (raised > self._lift) | ((away * away).sum(axis=2) > self._fast)
         light = (felt * felt).sum(axis=2) < np.minimum(self._light + unsure, self._weight)
-        air = off & light & (along @ others > self._carried)
-        return np.asarray(np.logical_and.reduceat(air, np.cumsum(parts) - parts))
+        swings, first = off & (along @ others > self._carried), np.cumsum(parts) - parts
+        throughout, in_air = (np.logical_and.reduceat(each, first) for each in (swings, swings & light))
+        return np.asarray(throughout), np.asarray(in_air)
 
     def stepping(self, pace: Array, edges: NDArray[np.int64]) -> Bools:
         """Blocks (B,) in which a foot moves relative to the others, fast enough to be lifted: those of a walk.
