@@ -216,7 +216,7 @@ class _LogPass:
     def tare(self, where: str) -> None:
         """Makes the present estimate of the trunk the reference for the payload."""
         if np.isnan((found := self.estimator.estimate()).time):
-            why = f": {found.reason}{self._lacks_imu()}" if found.reason else ""
+            why = f": {found.reason}{self._lacks()}" if found.reason else ""
             raise IdentificationError(f"{where}: too short for a tare: nothing is learnt by its end{why}")
         self.estimator.tare()
         if self._request.weight is not None and isinstance(self.estimator, TrunkEstimator):
@@ -288,19 +288,20 @@ class _LogPass:
             what, reason = "nothing could be learnt", estimate.reason or "too few samples"
             if self._method.at_rest and refused:
                 what = "the robot never stands still, nothing to weigh by"
-                reason = max(refused, key=lambda r: r.end - r.begin).reason
-                reason += self._lacks_imu()
-                if log.first.imu is not None and (slow := self._request.settings.too_slow(log.first.time)):
-                    reason += f"; {slow}"
+                reason = max(refused, key=lambda r: r.end - r.begin).reason + self._lacks()
             raise IdentificationError(f"{log.source.source}: {what}: {reason}")
         if self._method.at_rest and estimate.time < self._tared_at + self._request.settings.entry:
             raise IdentificationError(
                 f"{log.source.source}: the robot does not stand still after the tare's time, "
-                f"{self._tared_at - log.begin:.3g} s"
+                f"{self._tared_at - log.begin:.3g} s{self._lacks()}"
             )
 
-    def _lacks_imu(self) -> str:
-        return "; the log has no IMU, without which only rest can be weighed by" * (self.log.first.imu is None)
+    def _lacks(self) -> str:
+        """Why a log is weighed at rest only, a clause; empty if that is not for what it lacks."""
+        if self.log.first.imu is None:
+            return "; the log has no IMU, without which only rest can be weighed by"
+        slow = self._request.settings.too_slow(self.log.first.time)
+        return f"; the log has {slow}" * bool(slow and self._method.at_rest)
 
     def _uncovered(self) -> Iterator[str]:
         """Says what a scale said, and, of a log without a tare, until when a load counts as part of the trunk."""
