@@ -113,7 +113,8 @@ class Fit:
             for k in np.flatnonzero(stepped)
         )
         reasons += tuple(
-            f"leg {robot.legs[k].name} seems to carry while it swings, unlike the others: a torque of it is off"
+            f"leg {robot.legs[k].name} seems to carry while it swings, unlike the others: a torque of it is off, or "
+            "something holds it"
             for k in np.flatnonzero(swing.heavy)
         )
         verdict: Verdict = "bad" if self.misfit > settings.bad else "doubtful" if reasons else "good"
