@@ -72,9 +72,10 @@ def test_joints_are_found_and_wild_rows_left_out(wild: float) -> None:
 def test_legs_that_never_swung_share_what_others_showed() -> None:
     """Drives of one kind are alike: a hind knee's friction moves towards that of the front ones, its bar stays wide."""
     mean, covariance = swung(200, 0.1).posterior()
-    hind, front = PLACES["coulomb"].start + 8, PLACES["coulomb"].start + 2
-    assert 0.4 * COULOMB < mean[hind] < 1.1 * COULOMB
-    assert covariance[hind, hind] > 4.0 * covariance[front, front]
+    for name, value in (("coulomb", COULOMB), ("load_friction", BY_LOAD)):
+        hind, front = PLACES[name].start + 8, PLACES[name].start + 2
+        assert 0.4 * value < mean[hind] < 1.1 * value
+        assert covariance[hind, hind] > 4.0 * covariance[front, front]
     assert abs(mean[PLACES["offset"].start + 8]) < 0.05  # an offset is each joint's own
 
 
@@ -101,6 +102,20 @@ def test_what_holds_a_joint_that_sticks_is_neither_its_offset_nor_its_friction()
     assert mean[PLACES["offset"]][:6] == pytest.approx(0.0, abs=0.2 * COULOMB)
     assert mean[PLACES["coulomb"]][:6] == pytest.approx(COULOMB, rel=0.1)
     assert not swing.stepped.any()
+
+
+def test_a_torque_that_is_off_from_the_beginning_does_not_hide_by_what_it_leaves_of_all_rows() -> None:
+    rng, none, off = np.random.default_rng(0), np.zeros(12), 30.0
+    swing = SwingJoints(ErrorModel(robot(), ModelErrors()), SwingDetection())
+    for k in range(120):
+        phase = 0.4 * k + np.arange(12)
+        velocity = 3.0 * np.cos(phase)
+        terms = np.stack([60.0 * np.sin(1.7 * phase), velocity, np.tanh(velocity / 0.02), none, none + 1.0])
+        acts = np.array([ROTOR, VISCOUS, COULOMB, 0.0, OFFSET]) @ terms + off * (np.arange(12) == 4)
+        swing.add(IN_THE_AIR, terms, none, 0.1 * rng.standard_normal(12) - acts, none + 0.1, none)
+        swing.posterior()
+    assert list(np.flatnonzero(swing.stepped)) == [4]
+    assert swing.stepped[4] == pytest.approx(off, abs=2.0)
 
 
 def test_what_a_log_s_beginning_does_not_tell_is_no_torque_that_changed() -> None:
