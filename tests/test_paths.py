@@ -135,7 +135,7 @@ def test_a_researcher_with_arrays_and_an_estimator(installed: Path, tmp_path: Pa
 
 
 def test_a_student_with_the_paper(installed: Path, tmp_path: Path) -> None:
-    first = "\n".join(commands("docs/start.md")).replace("--duration 6 ", "--duration 4.5 --load-time 2.4 ")
+    first = "\n".join(commands("docs/start.md"))
     told = walk_path(installed, tmp_path, "student.sh", before=first)
     for words in (
         "hip assembly",

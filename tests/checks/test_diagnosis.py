@@ -172,9 +172,9 @@ def test_a_log_at_50_hz_shows_its_feet_whatever_its_clock(clock: float) -> None:
     assert [finding.cause for finding in diagnose(wrong, robot)] == ["gyro_unit"]
 
 
-@pytest.mark.parametrize("every", [5, 9, 11])
+@pytest.mark.parametrize("every", [9, 11])
 def test_what_a_slow_log_does_not_resolve_is_no_fault(every: int) -> None:
-    """At 23 to 50 Hz a trot's torques seem to be noise, and knees turn by more than their velocities say."""
+    """At 23 and 28 Hz a trot's torques seem to be noise, and knees turn by more than their velocities say."""
     robot, log = load_robot("go2"), of_go2("trot", 4.0)
     for begin in (1, 2, 3):
         assert not window_faults(log.mapped(lambda _, values, k=begin: values[k::every]), robot)

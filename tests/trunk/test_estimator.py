@@ -193,7 +193,7 @@ def test_notices_a_load_that_is_taken_off_and_one_that_is_shifted() -> None:
 def test_bars_of_a_robot_without_model_errors_are_narrower_than_usual() -> None:
     """Its residuals show that most kinds of errors are small. The torques' common scale keeps its size."""
     squares, narrower = [], []
-    for seed in range(2):
+    for seed in range(4):
         estimator = TrunkEstimator(robot())
         estimator.add(before(samples(motion(), STANDARD, 100 + seed), TARED))
         assert not estimator.changes

@@ -317,11 +317,9 @@ def test_a_torque_that_jumps_or_is_off_all_the_time_is_named_by_the_leg_in_the_a
         effort[samples.time > since, 5] += off
         estimator = TrunkEstimator(model)
         estimator.add(replace(samples, effort=effort))
-        said = [
-            reason for reason in estimator.trust.reasons if "while it" in reason or "while its leg swings" in reason
-        ]
+        said = [reason for reason in estimator.trust.reasons if "swings" in reason]
         assert (estimator.trust.verdict == "good") == (off == 0.0)
         assert len(said) == (off != 0.0)
         assert all((f"leg {model.legs[1].name}" if leg else repr(model.tree.joints[5])) in reason for reason in said)
-        assert estimator._fit.swing.stepped[at] == pytest.approx(0.0 if leg else off, abs=3.0)
+        assert estimator._fit.swing.stepped[at] == pytest.approx(0.0 if leg else off, abs=2.0 if since else 3.0)
         assert list(np.flatnonzero(estimator._fit.swing.heavy)) == [1] * leg

@@ -56,7 +56,8 @@ class CheckLimits:
     rests: float = 0.005
     lively: float = 0.9  # share of steps with a change above which a signal counts as newly measured at each sample
     instant: float = 0.04  # over which signals are averaged and differentiated [s]; a step of a trot has five or more
-    instant_samples: int = 3  # least number of samples in an instant with slopes
+    # least number of samples in an instant with slopes, which is twice as long at most: 50 Hz have them by any clock
+    instant_samples: int = 3
     whole: float = 1.5  # multiple of the nominal length above which an instant contains a gap
     # number of successive instants, one second, within which nothing is thinned out, and that share a trunk
     second: int = 25

@@ -95,8 +95,8 @@ def _resolved(position: Array, limits: WindowLimits) -> bool:
 
     Of 60 simulated trots half do at 100 Hz, and all but one at 200; of 30 crawls 24 at 60 Hz, and all at 100.
     """
-    turns = np.quantile(np.abs(np.diff(position, 2, axis=0)), 1.0 - limits.few, axis=0)
-    return bool(np.sort(turns)[:-1].max(initial=0.0) < limits.jump)
+    turns = sorted(float(np.quantile(np.abs(np.diff(own, 2)), 1.0 - limits.few)) for own in position.T)
+    return max(turns[:-1], default=0.0) < limits.jump
 
 
 def with_verdicts(

@@ -102,7 +102,7 @@ class Fit:
     def trust(
         self, robot: Robot, errors: ErrorModel, settings: TrunkSettings, swing_misfit: float, swing: SwingJoints
     ) -> Trust:
-        """The verdict, with reasons."""
+        """The verdict, with reasons; `swing`: sums of the legs in the air."""
         bad = self.misfit > settings.doubtful
         reasons: tuple[str, ...] = (self._cause(errors, settings.explained),) if bad else ()
         if swing_misfit > settings.bad:
@@ -187,7 +187,7 @@ class ModelFit:
 
     def add_swing(self, swing: SwingRows) -> None:
         """Adds a block's rows of legs in the air."""
-        self.swing.swings += swing.swings, swing.air
+        self.swing.count(swing.swings, swing.air)
         if swing.air.any():
             self.swing.add(swing.air, swing.terms, swing.rate, swing.residual, np.sqrt(swing.white), swing.unsure)
 

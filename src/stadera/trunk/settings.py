@@ -189,8 +189,9 @@ class SwingDetection:
             the usual residual of all joints [1].
         fewest_swings: blocks of a leg from which on it is compared with the others, three steps of a trot. usual_air:
             share of them in which half of the legs are in the air, above which one with less than half as much has a
-            torque that is off [1]. In 24 simulated walks of sound robots that show so much the least one has 0.82 of
-            the usual share; walks of a real Mini Cheetah and a Go2 show less, and tell nothing.
+            torque that is off [1]. Both sizes were chosen by simulated walks: in 24 of sound robots that show so much
+            the least one has 0.82 of the usual share; with 0.3 in place of 0.6 none of 49 sound walks, ten of a real
+            Mini Cheetah among them, has a leg with less than half, either.
     """
 
     lift: float = 0.03

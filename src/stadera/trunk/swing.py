@@ -111,15 +111,15 @@ class SwingJoints:
         assert self._first is not None
         rows, residual, own, unsure, joint = (np.concatenate(part) for part in zip(*self._first, strict=True))
         self._last = self._least_squares(np.ones(len(self._right)))[0]
-        self._typical, self._first = self._usually(self._last), None
+        self._typical, self._first = self._typical_at(self._last), None
         for _ in range(4):
             self._square, self.rows = 0.0, 0.0
             self._normal, self._right = np.zeros_like(self._normal), np.zeros_like(self._right)
             self._sum(rows, residual, 1.0 / (own + unsure * self._square_held[joint] / self._typical))
             self._learn(*self._least_squares(np.ones(len(self._right))))
 
-    def _usually(self, mean: Array) -> float:
-        """Usual variance of the rows' residual at a law, as a share of the stated one, whatever single joints leave."""
+    def _typical_at(self, mean: Array) -> float:
+        """Usual variance of the rows at a law, share of the stated one: by the median, which no single joint moves."""
         if self._first is None:
             return self._typical
         square = np.concatenate([(residual + rows @ mean) ** 2 / own for rows, residual, own, _, _ in self._first])
@@ -147,15 +147,20 @@ class SwingJoints:
         large &= mean**2 > self._settings.wild_step**2 * variance
         self.stepped[:] = np.where(large & (np.abs(mean) > np.abs(self.stepped)), -mean, self.stepped)
 
+    def count(self, swings: Bools, air: Bools) -> None:
+        """Counts a block in which legs (legs,) swing, and are in the air."""
+        self.swings[0] += swings
+        self.swings[1] += air
+
     @property
     def heavy(self) -> Bools:
         """Legs (legs,) that carry by their torques while they swing, where the others are in the air. An offset of a
         knee's torque by a fifth of its limit carries as much as a foot may.
         """
         swings, air = self.swings
-        share, usual = air / np.maximum(swings, 1.0), self._settings.usual_air
-        typical = float(np.median(share))
-        return np.asarray((swings >= self._settings.fewest_swings) & (share < 0.5 * typical) & (typical > usual))
+        share, settings = air / np.maximum(swings, 1.0), self._settings
+        usual = float(np.median(share))
+        return np.asarray((usual > settings.usual_air) & (share < 0.5 * usual) & (swings >= settings.fewest_swings))
 
     @property
     def misfit(self) -> float:
@@ -190,7 +195,7 @@ class SwingJoints:
             self._sum_anew()
         mean, covariance, _ = self._found = self._least_squares(np.ones(count))
         if self.rows > 2 * count and self._loud == np.inf:  # compared with the log's beginning
-            self._expected, self._loud = mean, self._usually(mean)
+            self._expected, self._loud = mean, self._typical_at(mean)
             at = np.column_stack([self._at.T, np.full(len(self._each), self._lag)])
             self._unknown = covariance[at[:, :, None], at[:, None]]
         if known:

@@ -65,7 +65,7 @@ class Day:
 
 
 def test_nothing_happens_while_nothing_changes():
-    day = Day().meets(0.0, 3.0)
+    day = Day().meets(0.0, 6.0)
     assert day.states == [Mode.WALKING]
     assert day.walker.walking
     assert not day.walker.models
