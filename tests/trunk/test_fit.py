@@ -10,6 +10,8 @@ import pytest
 
 from layout import ERRORS, LAYOUT, PLACES, rows_of
 from stadera.lab.plant.sensors import STANDARD
+from stadera.lab.scenarios.catalog import SimulateSettings
+from stadera.lab.scenarios.run import simulate
 from stadera.logs import Recording
 from stadera.robot import load_robot
 from stadera.robot.imu import ImuMount
@@ -136,3 +138,17 @@ def test_an_error_that_is_taken_to_be_none_explains_nothing(name: str) -> None:
     assert "the residual is" in estimator.trust.reasons[0]
     assert not any(CAUSES.get(name, "nothing") in reason for reason in estimator.trust.reasons)
     assert 0.0 < estimator.trunk.mass_std < ROBOT.mass
+
+
+def test_a_leg_that_does_not_fit_is_reason_to_doubt_where_all_rows_together_fit() -> None:
+    """A knee's torque read 1.75 times as large, in a sway: the other joints' rows hide it from the misfit of all."""
+    robot, settings = load_robot("anymal_c"), TrunkSettings()
+    log = simulate(robot, "shake", SimulateSettings("standard", None, duration=8.0, seed=3)).recording
+    for factor, verdict in ((1.0, "good"), (1.75, "doubtful")):
+        effort = log.effort.copy()
+        effort[:, 2] *= factor
+        estimator = TrunkEstimator(robot, settings=settings)
+        estimator.add(Samples.of_recording(replace(log, effort=effort), robot))
+        trust = estimator.trust
+        assert (trust.verdict, trust.misfit < settings.doubtful) == (verdict, True), trust
+        assert any("leg LF is" in reason for reason in trust.reasons) == (verdict == "doubtful"), trust

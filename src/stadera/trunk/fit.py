@@ -107,6 +107,14 @@ class Fit:
         reasons: tuple[str, ...] = (self._cause(errors, settings.explained),) if bad else ()
         if swing_misfit > settings.bad:
             reasons += (f"joints of legs in the air are {swing_misfit:.0f} times as far from the model as expected",)
+        by_leg = self._by_leg(robot, errors)
+        if not bad:  # else the residual's cause is named
+            reasons += tuple(
+                f"leg {name} is {misfit:.1f} times as far from its model as usual errors explain: a torque of it is "
+                "off, or something holds or pushes the robot there"
+                for name, misfit in by_leg.items()
+                if misfit > settings.doubtful
+            )
         names, stepped = [joint for leg in robot.legs for joint in leg.joints], swing.stepped
         reasons += tuple(
             f"torque of {names[k]!r}: off by {stepped[k]:.3g} N·m while its leg swings, since a jump or all the time"
@@ -118,7 +126,7 @@ class Fit:
             for k in np.flatnonzero(swing.heavy)
         )
         verdict: Verdict = "bad" if self.misfit > settings.bad else "doubtful" if reasons else "good"
-        return Trust(verdict, self.misfit, self._by_leg(robot, errors), reasons)
+        return Trust(verdict, self.misfit, by_leg, reasons)
 
     def _by_leg(self, robot: Robot, errors: ErrorModel) -> dict[str, float]:
         """Mean square of the residual along each leg's errors, divided by that expected from noise and the errors of
