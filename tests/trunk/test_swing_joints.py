@@ -323,3 +323,24 @@ def test_a_torque_that_jumps_or_is_off_all_the_time_is_named_by_the_leg_in_the_a
         assert all((f"leg {model.legs[1].name}" if leg else repr(model.tree.joints[5])) in reason for reason in said)
         assert estimator._fit.swing.stepped[at] == pytest.approx(0.0 if leg else off, abs=2.0 if since else 3.0)
         assert list(np.flatnonzero(estimator._fit.swing.heavy)) == [1] * leg
+
+
+@pytest.mark.parametrize(
+    ("swings", "air", "heavy"),
+    [
+        ([40, 61, 61, 60], [0, 26, 35, 36], [True, False, False, False]),  # a knee that is off, in a rough trot
+        (
+            [100, 102, 104, 134],
+            [20, 37, 46, 68],
+            [False] * 4,
+        ),  # rough swings of a sound robot: one leg has half as many
+        ([45, 44, 44, 53], [45, 42, 44, 16], [False, False, False, True]),
+        ([45, 44, 44, 53], [45, 42, 44, 34], [False] * 4),
+        ([73, 83, 90, 72], [19, 1, 0, 19], [False] * 4),  # of a real Mini Cheetah's gallop hardly any leg is in the air
+        ([19, 61, 61, 60], [0, 50, 50, 50], [False] * 4),  # too few swings to tell
+    ],
+)
+def test_the_rougher_the_swings_the_more_legs_differ(swings: list[int], air: list[int], heavy: list[bool]) -> None:
+    joints = SwingJoints(ErrorModel(load_robot("anymal_b"), ModelErrors()), SwingDetection())
+    joints.swings[:] = swings, air
+    assert joints.heavy.tolist() == heavy

@@ -155,12 +155,13 @@ class SwingJoints:
     @property
     def heavy(self) -> Bools:
         """Legs (legs,) that carry by their torques while they swing, where the others are in the air. An offset of a
-        knee's torque by a fifth of its limit carries as much as a foot may.
+        knee's torque by a fifth of its limit carries as much as a foot may. The rougher all swings are, the more the
+        legs differ: so much as half the square of the usual share has every leg of a sound robot.
         """
         swings, air = self.swings
         share, settings = air / np.maximum(swings, 1.0), self._settings
         usual = float(np.median(share))
-        return np.asarray((usual > settings.usual_air) & (share < 0.5 * usual) & (swings >= settings.fewest_swings))
+        return np.asarray((usual > settings.usual_air) & (share < 0.5 * usual**2) & (swings >= settings.fewest_swings))
 
     @property
     def misfit(self) -> float:
