@@ -103,17 +103,11 @@ class Sinusoids:
 
     def _curve(self, s: int, t: Array) -> tuple[Array, Array, Array]:
         """c_s - q_0 with its two derivatives, (samples, n) each."""
-        c = np.tile(self.origins[s] - self.rest, (len(t), 1))
-        dc, ddc = np.zeros_like(c), np.zeros_like(c)
-        since = (t - self.starts[s])[:, None]
-        for k in range(self.amplitudes.shape[2]):
-            omega = 2.0 * np.pi * self.frequencies[s, :, k]
-            angle = omega * since + self.phases[s, :, k]
-            swing = self.amplitudes[s, :, k] * np.sin(angle)
-            c += swing
-            dc += self.amplitudes[s, :, k] * omega * np.cos(angle)
-            ddc -= omega**2 * swing
-        return c, dc, ddc
+        omega = 2.0 * np.pi * self.frequencies[s]
+        angle = omega * (t - self.starts[s])[:, None, None] + self.phases[s]
+        swing = self.amplitudes[s] * np.sin(angle)
+        speed = self.amplitudes[s] * omega * np.cos(angle)
+        return self.origins[s] - self.rest + swing.sum(axis=2), speed.sum(axis=2), -(omega**2 * swing).sum(axis=2)
 
 
 def window(t: Array, start: float, end: float, fade: float) -> tuple[Array, Array, Array]:
