@@ -123,16 +123,12 @@ def read_xml(path: Path, limits: Limits = DEFAULTS) -> Document:
         MissingExtraError: as `expanded`. expat.ExpatError, LookupError: not XML, or of an unknown encoding.
     """
     builder, xacro = _TreeBuilder(path, limits), is_xacro(path)
-    for piece in [expanded(path)] if xacro else _pieces(path):
-        builder.parser.Parse(piece)
-    builder.parser.Parse(b"", True)
+    if xacro:
+        builder.parser.Parse(expanded(path), True)
+    else:
+        with path.open("rb") as file:
+            builder.parser.ParseFile(file)
     return Document(builder.close(), builder.remarks, builder.tags, None if xacro else path)
-
-
-def _pieces(path: Path) -> Iterator[bytes]:
-    with path.open("rb") as file:
-        while piece := file.read(1 << 16):
-            yield piece
 
 
 def is_xacro(path: Path) -> bool:
