@@ -122,6 +122,12 @@ def write_text(path: Path, text: str) -> None:
     path.write_text(text, encoding="utf-8", errors="backslashreplace")
 
 
+def save_text(path: AnyPath, text: str) -> None:
+    """Writes one text completely or not at all. Raises as `written_together`."""
+    with written_together([path]) as (draft,):
+        write_text(draft, text)
+
+
 def filled(template: Path, **values: Any) -> str:
     """The text of a jinja2 template, lines of which that hold a block alone are dropped."""
     from jinja2 import Environment, FileSystemLoader, StrictUndefined

@@ -11,7 +11,7 @@ from os import PathLike
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from stadera.errors import MissingExtraError
-from stadera.files import write_text, written_together
+from stadera.files import save_text, written_together
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Drawn
@@ -65,11 +65,11 @@ class Result(ABC):
 
     def save_json(self, path: str | PathLike[str]) -> None:
         """Writes `to_dict` as JSON."""
-        _save(path, json_text(self.to_dict()))
+        save_text(path, json_text(self.to_dict()))
 
     def save_html(self, path: str | PathLike[str]) -> None:
         """Writes the HTML report."""
-        _save(path, self.to_html())
+        save_text(path, self.to_html())
 
     def save_figure(self, path: str | PathLike[str], which: str | None = None) -> None:
         """Writes a figure as .pdf, .png or .svg. Raises as `plot`, and StaderaError for another suffix."""
@@ -81,7 +81,7 @@ class Result(ABC):
 
     def save_latex(self, path: str | PathLike[str]) -> None:
         """Writes `to_latex`."""
-        _save(path, self.to_latex())
+        save_text(path, self.to_latex())
 
 
 def data_frame(columns: Mapping[str, Any]) -> Any:
@@ -96,11 +96,6 @@ def data_frame(columns: Mapping[str, Any]) -> Any:
 def json_text(value: Any) -> str:
     """Indented JSON with a newline at the end. ValueError for NaN and infinity."""
     return json.dumps(value, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
-
-
-def _save(path: str | PathLike[str], text: str) -> None:
-    with written_together([path]) as (draft,):
-        write_text(draft, text)
 
 
 def finite_or_none(value: float) -> float | None:

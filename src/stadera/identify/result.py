@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from stadera.body import FRICTION_UNITS
-from stadera.files import written_together
+from stadera.files import save_text, written_together
 from stadera.identify.agreement import Agreement
 from stadera.identify.observability import Combination, Identifiability, gradients_of
 from stadera.identify.solutions import Estimate
@@ -254,13 +254,10 @@ class Identification(Result):
 
     def save_actuators(self, path: str | PathLike[str]) -> None:
         """Writes the drives as YAML for Isaac Lab and mjlab, see `stadera.robot.actuators`."""
-        from stadera.files import write_text
         from stadera.robot.actuators import actuators_yaml
 
         source, notes = Path(self.source).name, self.friction_notes()
-        text = actuators_yaml(self.simulated_robot(), self.torque_lag, source, notes)
-        with written_together([path]) as (draft,):
-            write_text(draft, text)
+        save_text(path, actuators_yaml(self.simulated_robot(), self.torque_lag, source, notes))
 
     def draws(self, count: int = 1000, seed: int = 0) -> dict[str, Array]:
         """Robots drawn from the posterior, see `stadera.identify.draws`: each of `LegIdentification.parameters` by its

@@ -19,7 +19,7 @@ import numpy as np
 from stadera.errors import IdentificationError, UnknownNameError
 from stadera.excite.sinusoids import Sinusoids
 from stadera.excite.trunk.planted import AXES, PayloadBars, Planted
-from stadera.files import filled, written_together
+from stadera.files import filled, save_text
 from stadera.results import Result, data_frame, finite_or_none
 from stadera.robot.model import Robot
 from stadera.types import Array
@@ -70,11 +70,7 @@ class Routine(Result):
         """Writes a script that plays the motion on a robot, see `stadera.excite.trunk.result.player`. Raises
         UnknownNameError: no such interface. StaderaError: the path cannot be written.
         """
-        from stadera.files import write_text
-
-        text = player(self, interface)
-        with written_together([path]) as (draft,):
-            write_text(draft, text)
+        save_text(path, player(self, interface))
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON."""
