@@ -29,7 +29,7 @@ import numpy as np
 
 from stadera.constants import DAY, EPOCH
 from stadera.errors import IdentificationError, require_positive
-from stadera.files import write_text, written_together
+from stadera.files import save_text
 from stadera.information import Information
 from stadera.results import json_text
 from stadera.robot.model import Robot
@@ -127,8 +127,7 @@ class Memory:
 
     def save_json(self, path: str | PathLike[str]) -> None:
         """Writes it, whole or not at all. Raises StaderaError: the file cannot be written."""
-        with written_together([path]) as (draft,):
-            write_text(draft, json_text(self.to_dict()))
+        save_text(path, json_text(self.to_dict()))
 
     def check(self, robot: Robot) -> Memory:
         """Returns itself. Raises IdentificationError: it is of another robot or another model."""
