@@ -7,7 +7,6 @@ A batch is an array (columns, rows) of consecutive rows, its columns those of `L
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +14,7 @@ from numpy.typing import NDArray
 from stadera.errors import RecordingError
 from stadera.limits import Budget
 from stadera.logs.columns import TIME, Layout
-from stadera.logs.recording import Imu, OtherJoints, Recording, check_values, dropout_note, with_velocity
+from stadera.logs.recording import Recording, check_values, dropout_note, fields_of, with_velocity
 from stadera.logs.topics import DESIRED, PD_DOUBT, PdGains
 from stadera.logs.units import FACTORS, unix_unit
 from stadera.types import Array, Bools
@@ -142,27 +141,12 @@ def _recording(batch: Array, layout: Layout, source: str, first: int, clock: Row
 
 def _of_columns(values: Array, layout: Layout, source: str, notes: tuple[str, ...]) -> Recording:
     """Makes a recording from a layout and its columns, `values` (columns, samples)."""
-    place = {name: i for i, name in enumerate(layout.columns)}
-
-    def block(columns: tuple[str, ...]) -> Array:
-        start = place[columns[0]]  # the columns of a block are contiguous
-        return values[start : start + len(columns)].T
-
-    imu = {key: block(columns) for key, columns in layout.imu.items()}
-    channels: dict[str, Any] = {channel: block(columns) for channel, columns in layout.channels.items()}
-    others = {channel: block(columns) for channel, columns in layout.others.items()}
-    desired = {name: channels.pop(name) for name in DESIRED if name in channels}
-    recording = Recording(
-        time=values[0],
-        joints=layout.joints,
-        imu=Imu(**imu, frame=layout.imu_frame) if imu else None,
-        foot_force={foot: block(columns) for foot, columns in layout.force.items()},
-        foot_contact={foot: values[place[column]] > 0.5 for foot, column in layout.contact.items()},
-        others=OtherJoints(layout.other_joints, **others) if others else None,
-        source=source,
-        notes=notes,
-        **channels,
-    )
+    ends = np.cumsum([1, *map(len, layout.groups.values())])
+    blocks = dict(zip(layout.groups, (block.T for block in np.split(values, ends)[1:-1]), strict=True))
+    arrays = {TIME: values[0]} | {n: v[:, 0] > 0.5 if n.endswith(".contact") else v for n, v in blocks.items()}
+    desired = {name: arrays.pop(name) for name in DESIRED if name in arrays}
+    fields = fields_of(arrays, layout.imu_frame, layout.others)
+    recording = Recording(joints=layout.joints, source=source, notes=notes, **fields)
     return recording if layout.pd is None else _with_pd_effort(recording, layout.pd, desired)
 
 
@@ -233,7 +217,7 @@ def is_interleaved(batch: Array, layout: Layout, few: float = 0.5) -> bool:
     if not joints.any():
         return False
     many = int(np.count_nonzero(joints))
-    apart = bool(layout.imu) and bool(imu.any()) and bool(np.count_nonzero(joints & imu) < few * many)
+    apart = any(_of_imu(layout)) and bool(imu.any()) and bool(np.count_nonzero(joints & imu) < few * many)
     return apart or many < few * batch.shape[1]
 
 
@@ -243,9 +227,8 @@ def aligned(batches: Iterable[Array], layout: Layout) -> Iterator[Array]:
     """
     from stadera.logs.bags.alignment import Alignment, Track
 
-    columns = layout.columns
-    of_imu = [columns.index(name) for names in layout.imu.values() for name in names]
-    of_joints = [k for k in range(1, len(columns)) if k not in of_imu]
+    columns, is_imu = layout.columns, _of_imu(layout)
+    of_imu, of_joints = np.flatnonzero(is_imu).tolist(), np.flatnonzero(~is_imu)[1:].tolist()
     tracks = [Track("joints", [columns[k] for k in of_joints])]
     if of_imu:
         tracks.append(Track("IMU", [columns[k] for k in of_imu]))
@@ -263,8 +246,11 @@ def aligned(batches: Iterable[Array], layout: Layout) -> Iterator[Array]:
 
 def _complete(batch: Array, layout: Layout) -> tuple[Bools, Bools]:
     """Rows in which all of the joints' columns have values, and rows in which all of the IMU's have."""
-    blank = np.isnan(batch)
-    imu = {name for names in layout.imu.values() for name in names}
-    is_imu = np.array([name in imu for name in layout.columns])
+    blank, is_imu = np.isnan(batch), _of_imu(layout)
     stamped = ~blank[0]
     return stamped & ~blank[~is_imu].any(axis=0), stamped & ~blank[is_imu].any(axis=0)
+
+
+def _of_imu(layout: Layout) -> Bools:
+    """Which of the layout's columns are the IMU's."""
+    return np.array([name.startswith("imu.") for name in layout.columns])

@@ -30,12 +30,9 @@ class Layout:
     """Assignment of a table's columns."""
 
     joints: tuple[str, ...]  # in the order requested, or else in that of the table's columns
-    # by channel, one column for each joint; channels that were not recorded are absent
-    channels: Mapping[str, tuple[str, ...]]
-    imu: Mapping[str, tuple[str, ...]]  # by quantity, its three or four columns; empty without a complete IMU
-    # force, contact: by foot, the x, y, z columns, and its column
-    force: Mapping[str, tuple[str, ...]]
-    contact: Mapping[str, str]
+    # by array of a recording (`Recording.arrays`), its columns, and those of desired values; what was not recorded, or
+    # not for all joints or of the whole IMU, is absent
+    groups: Mapping[str, tuple[str, ...]]
     notes: tuple[str, ...] = ()  # columns that were excluded and why, and columns that were recognised and converted
     imu_frame: str | None = None  # frame of the IMU's values, None if the log does not name it
     # sources, factors: the log's own column names, and factors to SI units, by column, where they differ and are not 1
@@ -43,17 +40,13 @@ class Layout:
     factors: Mapping[str, float] = field(default_factory=dict)
     stamped: bool = False  # True if the unit of time is given
     rate_hz: float | None = None  # rows per second of a log without a column of time
-    pd: PdGains | None = None  # gains for computing efforts from the desired positions among the channels
-    # joints besides the requested ones, by channel their columns: position, and velocity and effort if all have one
-    others: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-    other_joints: tuple[str, ...] = ()  # their names
+    pd: PdGains | None = None  # gains for computing efforts from the desired positions among the groups
+    others: tuple[str, ...] = ()  # joints besides the requested ones
 
     @property
     def columns(self) -> tuple[str, ...]:
         """All columns of the flat table, time first."""
-        groups = (*self.channels.values(), *self.imu.values(), *self.force.values(), tuple(self.contact.values()))
-        groups = (*groups, *self.others.values())
-        return (TIME, *(name for group in groups for name in group))
+        return (TIME, *(name for group in self.groups.values() for name in group))
 
     @property
     def recorded(self) -> tuple[str, ...]:
@@ -98,20 +91,17 @@ def layout(
     wanted, idle = header.joints() if joints is None else (requested, ())
     channels, notes = header.channels(wanted, require, reading.pd)
     imu, imu_notes = header.imu("imu" in require)
-    others = () if joints is None else header.positioned(joint for joint in reading.others if joint not in requested)
+    more = () if joints is None else (joint for joint in reading.others if joint not in requested)
+    others = tuple(joint for joint in more if f"{joint}.position" in table.sources)
     found = Layout(
         joints=wanted,
-        channels=channels,
-        imu=imu,
-        force=header.forces(),
-        contact={foot: f"{foot}.contact" for foot in header.owners(".contact")},
+        groups={**channels, **imu, **header.of_feet(), **header.of_others(others)},
         sources={name: own for name, own in table.sources.items() if own != name},
         factors=table.factors,
         stamped=table.stamped,
         rate_hz=None if timed else table.rate_hz,
         pd=reading.pd,
-        others=header.complete(others, OTHER_CHANNELS),
-        other_joints=others,
+        others=others,
     )
     kept_out = _kept_out(names, found, table.sources)
     return replace(found, notes=(*table.notes, *notes, *idle, *kept_out, *imu_notes))
@@ -226,14 +216,14 @@ class _Header:
                 notes += (f"left out the joints' {channel}: no column {_listed(absent)}",)
         return found, notes
 
-    def positioned(self, joints: Iterable[str]) -> tuple[str, ...]:
-        """Those of the joints that have a position."""
-        return tuple(joint for joint in joints if f"{joint}.position" in self.names)
+    def of_others(self, joints: tuple[str, ...]) -> dict[str, tuple[str, ...]]:
+        """Columns of the channels that all of these joints have, which are none of the requested ones."""
+        columns = {channel: tuple(f"{joint}.{channel}" for joint in joints) for channel in OTHER_CHANNELS}
+        return self._complete({f"others.{channel}": own for channel, own in columns.items() if own})
 
-    def complete(self, joints: tuple[str, ...], channels: Iterable[str]) -> dict[str, tuple[str, ...]]:
-        """Columns of the channels that all of these joints have."""
-        columns = {channel: tuple(f"{joint}.{channel}" for joint in joints) for channel in channels}
-        return {channel: own for channel, own in columns.items() if own and set(own) <= self.names.keys()}
+    def _complete(self, groups: Mapping[str, tuple[str, ...]]) -> dict[str, tuple[str, ...]]:
+        """The groups of which all columns are there."""
+        return {name: columns for name, columns in groups.items() if self.names.keys() >= set(columns)}
 
     def _without_effort(self) -> str:
         """Advice for a log without torques."""
@@ -245,7 +235,7 @@ class _Header:
 
     def imu(self, required: bool) -> tuple[dict[str, tuple[str, ...]], tuple[str, ...]]:
         """Columns of each quantity of an IMU with both rates and specific force, and a note on an incomplete one."""
-        kept = {quantity: columns for quantity, columns in IMU_COLUMNS.items() if set(columns) <= set(self.names)}
+        kept = self._complete({f"imu.{quantity}": columns for quantity, columns in IMU_COLUMNS.items()})
         wanted = (*IMU_COLUMNS["angular_velocity"], *IMU_COLUMNS["linear_acceleration"])
         needed = [column for column in wanted if column not in self.names]
         if not needed:
@@ -256,10 +246,10 @@ class _Header:
         some = any(column in self.names for columns in IMU_COLUMNS.values() for column in columns)
         return {}, (f"{HALF_IMU} {_listed(needed)}",) if some else ()
 
-    def forces(self) -> dict[str, tuple[str, ...]]:
-        """Columns of the forces of each foot."""
-        feet = {foot: tuple(f"{foot}.force.{axis}" for axis in "xyz") for foot in self.owners(".force.x")}
-        return {foot: columns for foot, columns in feet.items() if set(columns) <= set(self.names)}
+    def of_feet(self) -> dict[str, tuple[str, ...]]:
+        """Columns of the force and contact of each foot."""
+        forces = {f"{foot}.force": tuple(f"{foot}.force.{axis}" for axis in "xyz") for foot in self.owners(".force.x")}
+        return self._complete(forces) | {f"{foot}.contact": (f"{foot}.contact",) for foot in self.owners(".contact")}
 
 
 def _owners(names: Iterable[str], suffix: str) -> tuple[str, ...]:

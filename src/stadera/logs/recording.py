@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import chain
 from pathlib import Path, PurePath
@@ -145,16 +145,8 @@ class Recording:
         given |= {f"{foot}.contact": contact for foot, contact in (foot_contact or {}).items()}
         read = {name: _as_numbers(v, name, source) for name, v in given.items() if v is not None}
         arrays, notes = _without_dropouts(read, source)
-        return cls(
-            time=arrays[TIME],
-            joints=tuple(joints),
-            **{name: arrays.get(name) for name in CHANNELS},  # type: ignore[arg-type]
-            imu=imu and replace(imu, **{n: arrays.get(f"imu.{n}") for n in IMU_COLUMNS}),  # type: ignore[arg-type]
-            foot_force={foot: arrays[f"{foot}.force"] for foot in foot_force or {}},
-            foot_contact={foot: arrays[f"{foot}.contact"] != 0 for foot in foot_contact or {}},
-            source=source,
-            notes=notes,
-        )
+        arrays |= {f"{foot}.contact": arrays[f"{foot}.contact"] != 0 for foot in foot_contact or {}}
+        return cls(joints=tuple(joints), source=source, notes=notes, **fields_of(arrays, imu.frame if imu else None))
 
     @classmethod
     def from_dataframe(
@@ -230,15 +222,9 @@ class Recording:
 
     def mapped(self, change: Callable[[str, NDArray[Any]], NDArray[Any]]) -> Recording:
         """Returns a recording with the same channels, each of `arrays` replaced by `change(name, values)`."""
-        new: dict[str, Any] = {name: change(name, values) for name, values in self.arrays().items()}
+        new = {name: change(name, values) for name, values in self.arrays().items()}
         return replace(
-            self,
-            **{name: new[name] for name in (TIME, *CHANNELS) if name in new},
-            imu=self.imu and replace(self.imu, **{q: new[f"imu.{q}"] for q in IMU_COLUMNS if f"imu.{q}" in new}),
-            foot_force={foot: new[f"{foot}.force"] for foot in self.foot_force},
-            foot_contact={foot: new[f"{foot}.contact"] for foot in self.foot_contact},
-            others=self.others
-            and replace(self.others, **{c: new[f"{_OTHERS}.{c}"] for c in OTHER_CHANNELS if f"{_OTHERS}.{c}" in new}),
+            self, **fields_of(new, self.imu.frame if self.imu else None, self.others.names if self.others else ())
         )
 
     def with_others(self, names: Collection[str]) -> Recording:
@@ -271,6 +257,27 @@ class Recording:
         if joint not in self.joints:
             raise UnknownNameError("joint", joint, self.joints, self.source)
         return self.joints.index(joint)
+
+
+def fields_of(
+    arrays: Mapping[str, NDArray[Any]], imu_frame: str | None = None, others: tuple[str, ...] = ()
+) -> dict[str, Any]:
+    """A recording's fields by its `arrays`, the name of the IMU's frame, and of the other joints."""
+
+    def under(owner: str, names: Iterable[str]) -> dict[str, NDArray[Any]]:
+        return {name: arrays[f"{owner}{name}"] for name in names if f"{owner}{name}" in arrays}
+
+    def of_feet(kind: str) -> dict[str, NDArray[Any]]:
+        return {name.removesuffix(kind): values for name, values in arrays.items() if name.endswith(kind)}
+
+    imu, motion = under("imu.", IMU_COLUMNS), under(f"{_OTHERS}.", OTHER_CHANNELS)
+    return {
+        **under("", (TIME, *CHANNELS)),
+        "imu": Imu(**imu, frame=imu_frame) if imu else None,
+        "foot_force": of_feet(".force"),
+        "foot_contact": of_feet(".contact"),
+        "others": OtherJoints(others, **motion) if motion else None,
+    }
 
 
 def _as_numbers(values: ArrayLike, name: str, source: str) -> Array:
