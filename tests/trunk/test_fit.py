@@ -151,4 +151,4 @@ def test_a_leg_that_does_not_fit_is_reason_to_doubt_where_all_rows_together_fit(
         estimator.add(Samples.of_recording(replace(log, effort=effort), robot))
         trust = estimator.trust
         assert (trust.verdict, trust.misfit < settings.doubtful) == (verdict, True), trust
-        assert any("leg LF is" in reason for reason in trust.reasons) == (verdict == "doubtful"), trust
+        assert any("joints of LF" in reason for reason in trust.reasons) == (verdict == "doubtful"), trust

@@ -108,12 +108,11 @@ class Fit:
         if swing_misfit > settings.bad:
             reasons += (f"joints of legs in the air are {swing_misfit:.0f} times as far from the model as expected",)
         by_leg = self._by_leg(robot, errors)
-        if not bad:  # else the residual's cause is named
-            reasons += tuple(
-                f"leg {name} is {misfit:.1f} times as far from its model as usual errors explain: a torque of it is "
-                "off, or something holds or pushes the robot there"
-                for name, misfit in by_leg.items()
-                if misfit > settings.doubtful
+        far = {name: misfit for name, misfit in by_leg.items() if misfit > settings.doubtful}
+        if far and not bad:  # else the residual's cause is named
+            reasons += (
+                f"joints of {', '.join(far)} are up to {max(far.values()):.1f} times as far from the model as usual "
+                "errors explain: a torque there is off, or something holds or pushes the robot",
             )
         names, stepped = [joint for leg in robot.legs for joint in leg.joints], swing.stepped
         reasons += tuple(

@@ -156,7 +156,7 @@ class SwingJoints:
     def heavy(self) -> Bools:
         """Legs (legs,) that carry by their torques while they swing, where the others are in the air. An offset of a
         knee's torque by a fifth of its limit carries as much as a foot may. The rougher all swings are, the more the
-        legs differ: so much as half the square of the usual share has every leg of a sound robot.
+        legs of a sound robot differ; each has more than half the square of the usual share.
         """
         swings, air = self.swings
         share, settings = air / np.maximum(swings, 1.0), self._settings
