@@ -344,7 +344,7 @@ class TrunkSettings:
         lost_ground: length of a gap after which ground normal and gravity are estimated anew [s].
         explained: largest model error that is tried as an explanation of the residual, in prior standard deviations.
         doubtful, bad: misfit above which a result is doubtful, or bad, see `stadera.trust.Trust` [1]; that of a leg
-            alone makes it doubtful at most.
+            alone, of a robot on point feet, makes it doubtful at most.
         turned: standard deviations of its mount about one axis beyond which a turn of the IMU makes a result doubtful.
             Of 36 simulated logs with drawn errors one has 2.5 and the others less, walks of a real Mini Cheetah 0.7.
         overweight: weight on a scale over that of the model, which no load explains, but grams do [1].
