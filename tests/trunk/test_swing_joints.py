@@ -329,11 +329,7 @@ def test_a_torque_that_jumps_or_is_off_all_the_time_is_named_by_the_leg_in_the_a
     ("swings", "air", "heavy"),
     [
         ([40, 61, 61, 60], [0, 26, 35, 36], [True, False, False, False]),  # a knee that is off, in a rough trot
-        (
-            [100, 102, 104, 134],
-            [20, 37, 46, 68],
-            [False] * 4,
-        ),  # rough swings of a sound robot: one leg has half as many
+        ([100, 102, 104, 134], [20, 37, 46, 68], [False] * 4),  # rough swings of a sound robot
         ([45, 44, 44, 53], [45, 42, 44, 16], [False, False, False, True]),
         ([45, 44, 44, 53], [45, 42, 44, 34], [False] * 4),
         ([73, 83, 90, 72], [19, 1, 0, 19], [False] * 4),  # of a real Mini Cheetah's gallop hardly any leg is in the air

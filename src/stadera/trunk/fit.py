@@ -107,12 +107,12 @@ class Fit:
         reasons: tuple[str, ...] = (self._cause(errors, settings.explained),) if bad else ()
         if swing_misfit > settings.bad:
             reasons += (f"joints of legs in the air are {swing_misfit:.0f} times as far from the model as expected",)
-        by_leg = self._by_leg(robot, errors)
-        far = {name: misfit for name, misfit in by_leg.items() if misfit > settings.doubtful}
-        if far and not bad and not self.layout.flat:  # joints of a G1 that stick in its squats leave up to ten times
+        by_leg, beyond = self._by_leg(robot, errors)
+        off = {name: misfit for name, misfit in beyond.items() if misfit > settings.doubtful}
+        if off and not bad:  # else the residual's cause is named
             reasons += (
-                f"joints of {', '.join(far)} are up to {max(far.values()):.1f} times as far from the model as usual "
-                "errors explain: a torque there is off, or something holds or pushes the robot",
+                f"joints of {', '.join(off)} are up to {max(off.values()):.1f} times as far from the model as usual "
+                "errors explain, whichever way they turn: a torque is off there, or something holds or pushes it",
             )
         names, stepped = [joint for leg in robot.legs for joint in leg.joints], swing.stepped
         reasons += tuple(
@@ -127,19 +127,21 @@ class Fit:
         verdict: Verdict = "bad" if self.misfit > settings.bad else "doubtful" if reasons else "good"
         return Trust(verdict, self.misfit, by_leg, reasons)
 
-    def _by_leg(self, robot: Robot, errors: ErrorModel) -> dict[str, float]:
+    def _by_leg(self, robot: Robot, errors: ErrorModel) -> tuple[dict[str, float], dict[str, float]]:
         """Mean square of the residual along each leg's errors, divided by that expected from noise and the errors of
-        all legs.
+        all legs; and by how much that along its torques' offsets is larger than that along its friction. What friction
+        does has the direction of motion, and what its law leaves is large along both; what is off all the time has not.
         """
         std = np.sqrt(np.diag(errors.covariance))
         along = self.remainder[1:, 0] * std
         cross = self.remainder[1:, 1:] * std * std[:, None]
         expected = (cross**2).sum(axis=1) + np.diag(cross)
         ratio = along**2 / np.maximum(expected, 1e-300)
-        places = [self.layout.places[name] for name in ("gain", "coulomb", "offset", "encoder")]
-        by_joint = np.mean([ratio[place] for place in places], axis=0)
-        means = [part.mean() for part in np.split(by_joint, np.cumsum(self.layout.legs)[:-1])]
-        return {leg.name: float(mean) for leg, mean in zip(robot.legs, means, strict=True)}
+        by_joint = np.array([ratio[self.layout.places[name]] for name in ("gain", "coulomb", "offset", "encoder")])
+        edges, names = np.cumsum([0, *self.layout.legs[:-1]]), [leg.name for leg in robot.legs]
+        _, friction, offset, _ = by_leg = np.add.reduceat(by_joint, edges, axis=1) / self.layout.legs
+        mean = dict(zip(names, by_leg.mean(axis=0).tolist(), strict=True))
+        return mean, dict(zip(names, (offset - friction).tolist(), strict=True))
 
     def _cause(self, errors: ErrorModel, most: float) -> str:
         """How bad the fit is, and the three errors that explain most of the residual, each alone and up to `most` times
