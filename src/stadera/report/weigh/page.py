@@ -35,8 +35,8 @@ def next_steps(result: Weighing) -> Iterator[str]:
     yield from map(words.step_text, result.next)
     if result.trust.verdict == "doubtful":
         yield (
-            "Use the error bars as they are, for they are widened to the fit. Friction and rotor inertia from "
-            "`stadera identify` make them narrower: `--legs legs.json`."
+            "Look for a fault that is named above: the error bars are widened to the fit, and do not cover one. "
+            "Friction and rotor inertia from `stadera identify` make them narrower: `--legs legs.json`."
         )
     if result.payload is None:
         yield (
