@@ -219,6 +219,21 @@ def test_friction_that_holds_two_hips_otherwise_since_a_step_is_no_torque_that_j
     assert (found is not None) == jumps
 
 
+@pytest.mark.parametrize(("away", "named"), [(0.1, True), (0.0, False)])
+def test_a_joint_at_its_mechanical_stop_is_no_torque_that_jumps(away: float, named: bool) -> None:
+    """What the stop carries is in no torque; [rad] between it and the joint's furthest position."""
+    robot, log = load_robot("go2"), log_of("go2", "shake", 12)
+    assert log.effort is not None
+    joint, effort = "FL_thigh_joint", log.effort.copy()
+    k = log.index(joint)
+    effort[log.time > 3.0, k] += 0.1 * robot.limits[joint].effort
+    reached = Instants.of(log, robot.tree.joints, None, CheckLimits()).position[:, robot.tree.joints.index(joint)].max()
+    limits = {**robot.limits, joint: replace(robot.limits[joint], upper=float(reached) + away)}
+    near = replace(robot, limits=limits)
+    instants = Instants.of(replace(log, effort=effort), robot.tree.joints, ImuMount.of(near), CheckLimits())
+    assert (torque_step(Footing(near, instants, CheckLimits())) is not None) == named
+
+
 def test_a_load_is_no_torque_that_jumps_at_another_time() -> None:
     """15 % of a robot that sways slowly; half a second from it a knee seems to jump by 15 N·m."""
     robot = load_robot("hyq")

@@ -135,6 +135,8 @@ class CheckLimits:
     # errors is 7.5 in trots and sways, and 18.9 in crawls, of which three have 24, 21, 10, 8 at most with `step_slides`
     # of 0.03, 0.05, 0.2, 0.3.
     step_gain: float = 15.0
+    # distance from its mechanical stop within which a joint may touch it [rad], as `stadera.trunk.TrunkSettings.stop`
+    stop: float = 0.015
     step_slides: float = 0.1  # speed below which static friction may hold a joint [rad/s]
     # step_least, offset_least: least size of a step, and of an offset all the time, as a share of the torque's limit;
     # such offsets of clean trots and crawls seem to be up to 0.12

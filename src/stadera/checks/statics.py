@@ -97,7 +97,7 @@ Figure = tuple[Array | float, list[str]]
 def _of_loads(footing: Footing, up: Array, legs: Array) -> Iterator[Figure]:
     """Joints within their limits, the weight, and the load of each foot by its force (L, 3) [N]."""
     robot, limits, weight = footing.robot, footing.limits, footing.weight
-    lower, upper = np.array([(robot.limits[j].lower, robot.limits[j].upper) for j in robot.tree.joints]).T
+    lower, upper = robot.stops.T
     q = footing.blocks.position
     outside = np.maximum(np.maximum(q - upper, lower - q), 0.0).mean(axis=0)
     named = zip(robot.tree.joints, outside, strict=True)

@@ -303,16 +303,17 @@ def _said(joints: Sequence[str], size: str, deviations: float, lasting: bool) ->
 
 
 def _spans(footing: Footing) -> Iterator[tuple[slice, int]]:
-    """Yields stretches around possible steps, without gaps, in which the robot moves before and after; and the first
-    instant after the step.
+    """Yields stretches around possible steps, without gaps, in which the robot moves before and after, and no joint is
+    at its mechanical stop, which carries a torque unseen; and the first instant after the step.
     """
     limits, time, lively = footing.limits, footing.blocks.time, footing.moving
+    away = np.abs(footing.blocks.position[:, :, None] - footing.robot.stops).min(axis=(1, 2))
     step = float(np.median(np.diff(time))) if len(time) > 1 else limits.instant
     half, least, every = (max(1, round(x / step)) for x in (limits.step_span, limits.step_side, limits.step_every))
     for at in range(least, len(time) - least + 1, every):
         begin, end = max(at - half, 0), min(at + half, len(time))
         whole = time[end - 1] - time[begin] < 1.1 * (end - begin) * step
-        if whole and min(lively[begin:at].mean(), lively[at:end].mean()) > limits.step_lively:
+        if whole and away[begin:end].min() > limits.stop and min(lively[begin:at].mean(), lively[at:end].mean()) > limits.step_lively:
             yield slice(begin, end), at - begin
 
 

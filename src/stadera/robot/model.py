@@ -259,6 +259,11 @@ class Robot:
         return np.asarray(GRAVITY * self.mass / np.sqrt(3.0) * bounds)
 
     @cached_property
+    def stops(self) -> Array:
+        """Lower and upper mechanical stop of the legs' joints, (joints, 2) [rad]."""
+        return np.array([[self.limits[joint].lower, self.limits[joint].upper] for joint in self.tree.joints])
+
+    @property
     def effort_limits(self) -> Array:
         """Of the legs' joints, (joints,) [N·m]; where the model has none, or a placeholder, the torque that carries the
         robot's weight on one stretched leg.

@@ -100,13 +100,11 @@ class Fit:
         return _without(self.sums, self.errors, self.layout.by_swing)
 
     def trust(
-        self, robot: Robot, errors: ErrorModel, settings: TrunkSettings, swing_misfit: float, swing: SwingJoints
+        self, robot: Robot, errors: ErrorModel, settings: TrunkSettings, swing: SwingJoints
     ) -> Trust:
         """The verdict, with reasons; `swing`: sums of the legs in the air."""
         bad = self.misfit > settings.doubtful
         reasons: tuple[str, ...] = (self._cause(errors, settings.explained),) if bad else ()
-        if swing_misfit > settings.bad:
-            reasons += (f"joints of legs in the air are {swing_misfit:.0f} times as far from the model as expected",)
         by_leg, beyond = self._by_leg(robot, errors)
         off = {name: misfit for name, misfit in beyond.items() if misfit > settings.doubtful}
         if off and not bad:  # else the residual's cause is named
@@ -170,7 +168,7 @@ class ModelFit:
 
     Attributes:
         model: prior of the errors. swing: sums of the legs in the air. errors: p̂ and Σ. sizes: of its kinds.
-        fit: of the rows, and swing_misfit, of the legs in the air; None before either is evaluated.
+        fit: of the rows; None before the first update. evaluated: whether there are enough rows to judge it.
         friction: (joints,) [N·m], standard deviation of the friction that holds joints which hardly move, of whichever
             direction and changing with every sway; None of robots on point feet.
         due: number of blocks after which all are updated next.
@@ -191,7 +189,7 @@ class ModelFit:
             held = self.model.variance[self.model.layout.sticking]
             self.friction = settings.model.gears * np.sqrt(held)
         self.fit: Fit | None = None
-        self.swing_misfit: float | None = None
+        self.evaluated = False
         self.due, self._trust = 0, None  # type: int, Trust | None
 
     def add_swing(self, swing: SwingRows) -> None:
@@ -214,23 +212,23 @@ class ModelFit:
         self.errors = Errors(self.model, self.swing, self.sizes.factors, rows, gravity=gravity)
         laws = [layout.places[name] for name in ("rotor", "viscous", "coulomb")]
         front.know_joints(*(np.array([x[law] for law in laws]) for x in (self.errors.mean, self.errors.std)))
-        self.swing_misfit = self.swing.misfit if front.seen >= self._settings.evaluated else None
+        self.evaluated = front.seen >= self._settings.evaluated
         self._trust = None
         return True
 
     @property
     def misfit(self) -> float:
         """That of the fit; one before there are enough rows to evaluate it."""
-        return 1.0 if self.fit is None or self.swing_misfit is None else self.fit.misfit
+        return self.fit.misfit if self.fit is not None and self.evaluated else 1.0
 
     @property
     def trust(self) -> Trust:
         """The verdict with its reasons."""
         if self._trust is None:
-            if self.fit is None or self.swing_misfit is None:
+            if self.fit is None or not self.evaluated:
                 self._trust = Trust("doubtful", 1.0, {}, ("too few rows yet to evaluate the fit",))
             else:
-                self._trust = self.fit.trust(self._robot, self.model, self._settings, self.swing_misfit, self.swing)
+                self._trust = self.fit.trust(self._robot, self.model, self._settings, self.swing)
                 if self._turned:
                     text = f"the IMU would be turned by {np.degrees(self._turned):.1f}°, more than the bars allow for"
                     alike = "a torque is off all the time, or something pushes or pulls the robot"

@@ -89,8 +89,7 @@ class Front:
             raise RecordingError(f"the arrays given to update lack joint {lacking[0]!r}{unknown}")
         self._order = np.array([self._names.index(joint) for joint in robot.tree.joints])
         self._extra_order = {at: self._names.index(joint) for at, joint in enumerate(extra) if joint in self._names}
-        limits = [robot.limits[joint] for joint in robot.tree.joints]
-        self._stops = np.array([[limit.lower, limit.upper] for limit in limits])
+        self._stops = robot.stops
         self.shape = robot.inertias[robot.trunk]
         self._maker = RowMaker(robot, mount, settings.swing, places)
         self._sampling = ErrorLayout.of(robot).places["sampling"]

@@ -338,7 +338,7 @@ class TrunkSettings:
             half a degree, and give by as much.
         updated, updated_late: number of blocks between two updates of model errors and fit, at first and at last.
         grown: growth of the rows after which they are updated, between these numbers [1].
-        evaluated: time of rows before the fit of legs in the air is evaluated [s].
+        evaluated: time of rows before the fit is judged [s].
         lost, bridged: step between samples above which samples are missing, in usual steps [1], and one that is always
             short enough [s]: a little over half a block.
         lost_ground: length of a gap after which ground normal and gravity are estimated anew [s].

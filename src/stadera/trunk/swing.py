@@ -164,14 +164,6 @@ class SwingJoints:
         return np.asarray((usual > settings.usual_air) & (share < 0.5 * usual**2) & (swings >= settings.fewest_swings))
 
     @property
-    def misfit(self) -> float:
-        """Variance of the rows' residual divided by the stated one."""
-        if self.rows < self._settings.enough * len(self._right):
-            return 1.0
-        mean, _ = self.posterior()
-        return float(self._square - mean @ (2.0 * self._right - self._normal @ mean)) / self.rows
-
-    @property
     def information(self) -> tuple[Array, Array]:
         """Normal matrix (count, count) and right side (count,) of the rows, in units of what repeats."""
         _, _, loud = self._usual
