@@ -313,7 +313,8 @@ def _spans(footing: Footing) -> Iterator[tuple[slice, int]]:
     for at in range(least, len(time) - least + 1, every):
         begin, end = max(at - half, 0), min(at + half, len(time))
         whole = time[end - 1] - time[begin] < 1.1 * (end - begin) * step
-        if whole and away[begin:end].min() > limits.stop and min(lively[begin:at].mean(), lively[at:end].mean()) > limits.step_lively:
+        free = away[begin:end].min() > limits.stop
+        if whole and free and min(lively[begin:at].mean(), lively[at:end].mean()) > limits.step_lively:
             yield slice(begin, end), at - begin
 
 
