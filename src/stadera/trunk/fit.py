@@ -99,9 +99,7 @@ class Fit:
         """See `Segment.remainder`, of the residual after subtracting C p̂."""
         return _without(self.sums, self.errors, self.layout.by_swing)
 
-    def trust(
-        self, robot: Robot, errors: ErrorModel, settings: TrunkSettings, swing: SwingJoints
-    ) -> Trust:
+    def trust(self, robot: Robot, errors: ErrorModel, settings: TrunkSettings, swing: SwingJoints) -> Trust:
         """The verdict, with reasons; `swing`: sums of the legs in the air."""
         bad = self.misfit > settings.doubtful
         reasons: tuple[str, ...] = (self._cause(errors, settings.explained),) if bad else ()
