@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -179,14 +180,14 @@ def test_the_joint_that_is_off_all_the_time_is_named_not_one_that_is_for_a_while
 ) -> None:
     """Where the first shows least, another one seems to be further off, as it does nowhere else."""
     footing = footing_of(log_of("go2", "shake", 12), "go2", CheckLimits())
-    starts = [span.start for span, _ in torques._spans(footing)]
+    starts = [span.start for span, _ in _spans(footing)]
 
-    def tested(_: object, __: object, ___: int, span: slice, ____: int) -> tuple[np.ndarray, np.ndarray]:
+    def stretch(_: object, __: object, ___: int, span: slice, ____: int) -> SimpleNamespace:
         squares = np.full((2, 12), -np.inf)
         squares[1, [0, 5]] = (50.0, 90.0) if span.start == starts[1] else (60.0, -np.inf)
-        return squares, np.full((2, 12), 0.2)
+        return SimpleNamespace(tested=(squares, np.full((2, 12), 0.2)), repeated=lambda *_: 1.0)
 
-    monkeypatch.setattr(torques, "_tested", tested)
+    monkeypatch.setattr(torques._Stretch, "of", stretch)
     found = torque_step(footing)
     assert found is not None
     assert f"the torque of {load_robot('go2').legs[0].joints[0]!r} is" in found[0].message
@@ -243,6 +244,19 @@ def test_a_load_is_no_torque_that_jumps_at_another_time() -> None:
     assert torque_step(footing_of(log, "hyq", CheckLimits())) is None
 
 
+@pytest.mark.parametrize(("lasting", "repeated"), [(0.0, 1.0), (0.8, 9.0)])
+def test_instants_share_an_error_as_long_as_the_rest_is_correlated(lasting: float, repeated: float) -> None:
+    """Of a first-order process with the correlation ρ from instant to instant, (1 + ρ) / (1 - ρ)."""
+    rng, noise = np.random.default_rng(0), np.zeros((4000, 6))
+    for k in range(1, len(noise)):
+        noise[k] = lasting * noise[k - 1] + rng.standard_normal(6)
+    step = np.repeat(np.arange(len(noise)) >= 2000, 6).astype(float)
+    left = np.column_stack([noise.ravel() + 5.0 * step, step, np.ones_like(step)])
+    rows = SimpleNamespace(limit=np.ones(1))
+    found = torques._Stretch.repeated(SimpleNamespace(left=left, rows=rows), 0, 0)  # type: ignore[arg-type]
+    assert found == pytest.approx(repeated, rel=0.1)
+
+
 @pytest.mark.parametrize(("name", "scenario", "seed"), [("hyq", "crawl", 13), ("anymal_c", "crawl", 13)])
 def test_a_torque_that_is_off_all_the_time_is_named(name: str, scenario: str, seed: int) -> None:
     """By a fifth of its limit."""
@@ -273,7 +287,8 @@ def test_a_step_that_any_joint_explains_is_not_named(monkeypatch: pytest.MonkeyP
     """Four joints alike: what comes to the whole robot at once is no joint's sensor."""
     squares, sizes = np.tile(np.r_[np.full(4, 400.0), np.zeros(8)], (2, 1)), np.full((2, 12), 0.1)
     log = log_of("go2", "shake", 12)
-    monkeypatch.setattr(torques, "_tested", lambda *_: (squares, sizes))
+    stretch = SimpleNamespace(tested=(squares, sizes), repeated=lambda *_: 1.0)
+    monkeypatch.setattr(torques._Stretch, "of", lambda *_: stretch)
     found = torque_step(footing_of(log, "go2", CheckLimits(step_alike_most=most)))
     assert (found is not None) == named
 

@@ -35,10 +35,12 @@ A load that comes at t₀ adds A(t) δ instead, δ its mass and first moment. Wi
     A θ + [t > t₀] A δ + C p + [t > t₀] (E_k c + Σ_j [|q̇_j| small] E_j s_j) = b,
 
 θ and δ are eliminated, p has its usual size, and c is as large as its standard deviation z times; z² is compared for
-all joints and times. s_j is a change of the static friction that holds joint j while it hardly moves, as in a crawl's
-stance: hips of two legs may push against each other. Legs that swing tell c from a load: no foot in the air carries. A
-robot must move all the time: as it begins to, friction lets go of all joints, which looks like a step. A push from
-outside that begins at t₀ adds a nearly constant force and moment, which an offset imitates: the two look alike.
+all joints and times. Instants share one error as long as what the likeliest step leaves is correlated: in a slow sway
+friction that turns with the motion lasts. s_j is a change of the static friction that holds joint j while it hardly
+moves, as in a crawl's stance: hips of two legs may push against each other. Legs that swing tell c from a load: no foot
+in the air carries. A robot must move all the time: as it begins to, friction lets go of all joints, which looks like a
+step. A push from outside that begins at t₀ adds a nearly constant force and moment, which an offset imitates: the two
+look alike.
 """
 
 from __future__ import annotations
@@ -109,7 +111,9 @@ class TrunkRows:
         A = (TRUNK_MAP @ trunk_signals(a.T, omega.T, alpha.T)).T.reshape(-1, 6, 10) / scale
         state = body.at(motion)
         hidden = state.unfelt.swapaxes(1, 2) * robot.unfelt_std / scale
-        model = ErrorModel(robot, ModelErrors())
+        sizes = ModelErrors()
+        model = ErrorModel(robot, sizes)
+        gears = sizes.gears if model.layout.flat else 1.0  # as in what the fit allows for at rest
         chosen = model.layout.at(*_ERRORS)
         root = np.eye(1 + len(chosen))
         root[1:, 1:] = np.linalg.cholesky(model.covariance[np.ix_(chosen, chosen)])
@@ -124,7 +128,7 @@ class TrunkRows:
             scale,
             root,
             model.limit,
-            np.sqrt(2.0 * (1.0 - model.renewed)) * model.held * model.resting / model.limit,
+            np.sqrt(2.0 * (1.0 - model.renewed)) * model.held * model.resting * gears / model.limit,
         )
 
     def columns(self, undo: Mend = AS_RECORDED) -> Array:
@@ -267,17 +271,18 @@ def torque_step(footing: Footing) -> tuple[Finding, float] | None:
         return None
     recorded = rows.columns() @ rows.root
     landed, least = _landed(rows, recorded, spans), limits.step_gain + 2.0 * np.log(len(spans))
-    found = {k: _tested(rows, recorded, landed, *spans[k]) for k in range(0, len(spans), 2)}
-    if max(float(squares.max()) for squares, _ in found.values()) < least:
+    every = range(len(spans))
+    parts = {k: _Stretch.of(rows, recorded, landed, *spans[k]) for k in every[::2]}
+    if max(float(part.tested[0].max()) for part in parts.values()) < least:
         return None
-    found |= {k: _tested(rows, recorded, landed, *spans[k]) for k in range(1, len(spans), 2)}
-    tested = [found[k] for k in range(len(spans))]
-    k, kind, squares = _clearest(np.array([squares for squares, _ in tested]))
-    (span, at), best, sizes = spans[k], int(np.argmax(squares)), tested[k][1][kind]
+    parts |= {k: _Stretch.of(rows, recorded, landed, *spans[k]) for k in every[1::2]}
+    k, kind, squares = _clearest(np.array([parts[k].tested[0] for k in every]))
+    (span, at), best, sizes = spans[k], int(np.argmax(squares)), parts[k].tested[1][kind]
     alike = [j for j in np.argsort(-squares) if squares[j] > squares[best] - limits.step_alike]
-    if squares[best] < least or len(alike) > limits.step_alike_most:
+    z = float(squares[best]) / max(parts[k].repeated(kind, best) / limits.order_repeated, 1.0)
+    if z < least or len(alike) > limits.step_alike_most:
         return None
-    z, size = float(squares[best]), f"{sizes[best] * rows.limit[best]:.3g} N·m"
+    size = f"{sizes[best] * rows.limit[best]:.3g} N·m"
     joints = [joint for leg in footing.robot.legs for joint in leg.joints]
     text = _said([joints[j] for j in alike], size, np.sqrt(z), lasting=bool(kind))
     return Finding("torque_step", text, at=None if kind else float(footing.blocks.time[span.start + at])), z
@@ -341,28 +346,66 @@ def _landed(rows: TrunkRows, recorded: Array, spans: Sequence[tuple[slice, int]]
     return int(span.start) + max(range(at - around, at + around + 1), key=lambda k: gain(span, k))
 
 
-def _tested(rows: TrunkRows, recorded: Array, landed: int, span: slice, at: int) -> tuple[Array, Array]:
-    """z² (2, L k) and size (2, L k) as a share of the limit, of a step and of an offset all the time, by joint; far
-    below where they are small or the rows do not tell them from a load, and for all joints if the rows fit badly.
-    """
-    limits, part, n = rows.footing.limits, slice(6 * span.start, 6 * span.stop), len(rows.limit)
-    A, both, offset = rows.matrix[part], recorded[part], rows.steps[part]
-    after, loaded = ((np.arange(len(A)) >= 6 * k)[:, None] for k in (at, landed - span.start))
-    rests = np.abs(rows.footing.blocks.rate[span][:, rows.footing.body.in_legs]) < limits.step_slides
-    errors = np.hstack([both, offset * after * rows.held * np.repeat(rests, 6, axis=0)])
-    columns, p = np.hstack([errors, offset * after, offset]), errors.shape[1]
-    trunk = np.hstack([A, A[:, :4] * after, A[:, :4] * loaded])
-    products = less(columns, explained(trunk, limits.loose))
-    fit = Likelihood.of(products[:p, :p], len(A) - trunk.shape[1], limits.order_repeated)
-    if fit.variance > limits.order_repeated * limits.step_scatter**2:
-        return np.full((2, n), -np.inf), np.zeros((2, n))
-    # what p, of its usual size, explains is taken out of b and of the steps
-    weight = (fit.vector / (fit.variance + fit.value)) @ fit.vector.T
-    by_errors = products[p:, 1:p] @ weight
-    along = products[p:, 0] - by_errors @ products[1:p, 0]
-    left = np.maximum(np.diagonal(products)[p:] - (by_errors * products[p:, 1:p]).sum(axis=1), 1e-12)
-    sizes = (along / left).reshape(2, n)
-    seen = (left > limits.step_seen * (columns[:, p:] ** 2).sum(axis=0)).reshape(2, n)
-    seen &= np.abs(sizes) > np.array([[limits.step_least], [limits.offset_least]])
-    squares = (along**2 / left / fit.variance).reshape(2, n)
-    return np.where(seen, squares, -np.inf), sizes
+@dataclass(frozen=True, eq=False)
+class _Stretch:
+    """Rows around a possible step, without what the trunk and its loads explain of them."""
+
+    rows: TrunkRows
+    columns: Array  # (6 n, 1 + p + 2 L k), of b, errors, a step and an offset all the time of each torque
+    size: Array  # (2 L k,), squares of the steps' and offsets' own columns
+    errors: int  # 1 + p
+    fit: Likelihood  # without a step
+
+    @classmethod
+    def of(cls, rows: TrunkRows, recorded: Array, landed: int, span: slice, at: int) -> _Stretch:
+        """Between the ends of a span, of a step at the instant `at` of it, and a load that came when one `landed`."""
+        limits, part = rows.footing.limits, slice(6 * span.start, 6 * span.stop)
+        A, offset = rows.matrix[part], rows.steps[part]
+        after, loaded = ((np.arange(len(A)) >= 6 * k)[:, None] for k in (at, landed - span.start))
+        rests = np.abs(rows.footing.blocks.rate[span][:, rows.footing.body.in_legs]) < limits.step_slides
+        errors = np.hstack([recorded[part], offset * after * rows.held * np.repeat(rests, 6, axis=0)])
+        columns, p = np.hstack([errors, offset * after, offset]), errors.shape[1]
+        trunk = np.hstack([A, A[:, :4] * after, A[:, :4] * loaded])
+        basis = explained(trunk, limits.loose)
+        own = columns - basis @ (basis.T @ columns)
+        fit = Likelihood.of(own[:, :p].T @ own[:, :p], len(A) - trunk.shape[1], limits.order_repeated)
+        return cls(rows, own, (columns[:, p:] ** 2).sum(axis=0), p, fit)
+
+    @cached_property
+    def left(self) -> Array:
+        """b, steps and offsets (6 n, 1 + 2 L k) without what errors of their usual size explain."""
+        errors, fit = self.columns[:, 1 : self.errors], self.fit
+        others = np.delete(self.columns, range(1, self.errors), axis=1)
+        weight = (fit.vector / (fit.variance + fit.value)) @ fit.vector.T
+        return np.asarray(others - errors @ (weight @ (errors.T @ others)))
+
+    @cached_property
+    def tested(self) -> tuple[Array, Array]:
+        """z² (2, L k) and size (2, L k) as a share of the limit, of a step and of an offset all the time, by joint; far
+        below where they are small or the rows do not tell them from a load, and for all joints if the rows fit badly.
+        """
+        limits, n = self.rows.footing.limits, len(self.rows.limit)
+        if self.fit.variance > limits.order_repeated * limits.step_scatter**2:
+            return np.full((2, n), -np.inf), np.zeros((2, n))
+        steps = self.columns[:, self.errors :]
+        along = steps.T @ self.left[:, 0]
+        left = np.maximum((steps * self.left[:, 1:]).sum(axis=0), 1e-12)
+        sizes = (along / left).reshape(2, n)
+        seen = (left > limits.step_seen * self.size).reshape(2, n)
+        seen &= np.abs(sizes) > np.array([[limits.step_least], [limits.offset_least]])
+        squares = (along**2 / left / self.fit.variance).reshape(2, n)
+        return np.where(seen, squares, -np.inf), sizes
+
+    def repeated(self, kind: int, joint: int) -> float:
+        """Number of successive instants that share one error, by what a step, or with the kind 1 an offset, leaves: one
+        and twice the sum of its correlations with itself, up to where they end.
+        """
+        b, step = self.left[:, 0], self.left[:, 1 + kind * len(self.rows.limit) + joint]
+        rest = (b - step * (step @ b) / (step @ step)).reshape(-1, 6)
+        square, total = float((rest**2).sum()), 1.0
+        for k in range(1, len(rest)):
+            correlation = float((rest[k:] * rest[:-k]).sum()) / square
+            if correlation < 0.05:
+                break
+            total += 2.0 * correlation
+        return total
