@@ -255,7 +255,7 @@ class Plant:
         return feet, stance
 
 
-def sensed(run: Run, limit: float, rng: np.random.Generator) -> tuple[Recording, float]:
+def sensed(run: Run, limit: float | Array, rng: np.random.Generator) -> tuple[Recording, float]:
     """The log, and the scale that all torques have in common."""
     t, n, size, loud = run.time, len(run.joints), len(run.time), rng.uniform(0.5, 3.0)
     common, late = 1.0 + 0.03 * rng.normal(), rng.uniform(0.0, 0.01)
