@@ -89,7 +89,7 @@ def test_the_difference_is_that_of_two_segments(monkeypatch: pytest.MonkeyPatch)
         block(r.time, r.matrix, 3.0 * rng.standard_normal((6, ERRORS)), r.target, 4.0)
         for r in rows(4.0, 2.0, np.array([3.0, 0.5, -0.3, 0.2, *np.zeros(6)]), 3.5, 2)
     ]
-    wide = wide_prior(ROBOT)
+    wide = 0.3 * wide_prior(ROBOT)
     detector, history, known = (
         ChangeDetector(SETTINGS, SCALE, wide),
         History(ROBOT, TRUNK, LAYOUT, TrunkSettings()),

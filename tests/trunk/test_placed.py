@@ -77,7 +77,7 @@ def test_odds_of_places_are_those_of_the_density_of_all_rows(at: int | None) -> 
     rng = np.random.default_rng(3)
     earlier, rows = drawn(rng, None), drawn(rng, at)
     covariance = 0.05**2 * np.eye(LAYOUT.count)
-    odds = log_odds(summed(rows), summed(earlier), ((0,), (1,), (2,)), covariance, LOUD / QUIETEST, WIDE)
+    odds = log_odds(summed(rows), summed(earlier), ((0,), (1,), (2,)), covariance, LOUD / QUIETEST, WIDE, WIDE)
     dense = np.array([likelihood(earlier, rows, SHOWN * covariance, place) for place in (None, 0, 1)])
     np.testing.assert_allclose(
         odds - odds[0], dense - dense[0], rtol=1e-3, atol=0.3

@@ -94,13 +94,9 @@ class Known(NamedTuple):
 
 
 def wide_prior(robot: Robot) -> Array:
-    """Standard deviations (10,) of trunk parameters before any row: the robot's mass, three tenths of a leg's length
-    from where it is expected. Where a load is depends on it, see `stadera.trunk.placed`: of 31 on a G1 or Talos that
-    sways on a plant of its own, with drawn errors, with half of the length, this, and three times of it 2, 3, 4 seem to
-    be on the wrong side of the waist, none, 1, 4 with more than 95 % certainty.
-    """
+    """Standard deviations (10,) of trunk parameters before any row."""
     le = robot.leg_length
-    return np.asarray(robot.mass * np.array([1.0, *[0.3 * le] * 3, *[(0.3 * le) ** 2] * 6]))
+    return np.asarray(robot.mass * np.array([1.0, *[0.5 * le] * 3, *[0.5 * le**2] * 6]))
 
 
 class History:

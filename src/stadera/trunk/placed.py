@@ -12,13 +12,14 @@ the last rows, of the limbs alone, times the root of `Segment.louder`. Their row
 the trunk has the columns R themselves. What remains after θ and φ are eliminated, E = |z'' - G'' p|², is compared
 between places. With p normally distributed about zero, of covariance Σ₀, and rows of variance σ²,
 
-    -2 ln P = min_p (E/σ² + pᵀ Σ₀⁻¹ p) + ln |1 + Σ₀ G''ᵀ G''/σ²| + ln |1 + Φ (R_φᵀ R_φ - Φ⁻¹)/σ²|
+    -2 ln P = min_p (E/σ² + pᵀ Σ₀⁻¹ p) + ln |1 + Σ₀ G''ᵀ G''/σ²| + ln |1 + Ψ (R_φᵀ R_φ - Φ⁻¹)/σ²|
 
-up to a constant, and with the same prior for the load wherever it is, of covariance Φ, which R_φ contains with unit
-noise. σ² is the same for all places: that of the best one, times the number of rows that share one error. Static
-friction, which may change with the load, counts as two errors in p, one before it came and one since; scales of torques
-are left out: target and their columns have the same noise, which a scale of nothing would explain. What rows at rest
-leave beyond the triangles is noise, and left out too.
+up to a constant, and with the same prior for the load wherever it is: Φ, which R_φ contains with unit noise, is as wide
+as loads may be, so that it tells nothing of one; Ψ is what loads are, since a place where rows tell more of a load is
+the less likely the wider its prior is. σ² is the same for all places: that of the best one, times the number of rows
+that share one error. Static friction, which may change with the load, counts as two errors in p, one before it came and
+one since; scales of torques are left out: target and their columns have the same noise, which a scale of nothing would
+explain. What rows at rest leave beyond the triangles is noise, and left out too.
 """
 
 from __future__ import annotations
@@ -149,7 +150,13 @@ def solve(since: Segment, held: Held, louder: float) -> TrunkAndLoad:
 
 
 def log_odds(
-    since: Segment, before: Segment, places: Sequence[Blocks], covariance: Array, repeats: float, wide: Array
+    since: Segment,
+    before: Segment,
+    places: Sequence[Blocks],
+    covariance: Array,
+    repeats: float,
+    wide: Array,
+    usual: Array,
 ) -> Array:
     """ln P of a load at each of some places, up to a constant, (places,); see the module's text.
 
@@ -157,7 +164,7 @@ def log_odds(
         since: rows since the load came. before: those before it.
         covariance: Σ₀ (errors, errors), of the errors before any row.
         repeats: number of rows that share one error.
-        wide: (10,), roots of Φ's diagonal, of a load at one place.
+        wide, usual: (10,), roots of Φ's and Ψ's diagonals, of a load at one place.
     """
     root, changing = root_of(covariance), since.layout.changing_at
     # of errors since the load came, and of those before it that may have changed; scales of torques explain nothing
@@ -197,16 +204,17 @@ def log_odds(
     loud = repeats * max(least / max(rows, 1.0), QUIETEST)
     return np.array(
         [
-            -0.5 * (energy / loud + spread + _determined(each.root, wide, loud))
+            -0.5 * (energy / loud + spread + _determined(each.root, wide, usual, loud))
             for (energy, spread), each in zip(evaluated(loud), found, strict=True)
         ]
     )
 
 
-def _determined(root: Array, wide: Array, loud: float) -> float:
-    """ln |1 + Φ (R_φᵀ R_φ - Φ⁻¹)/σ²|, of R_φ (n, n) and the roots of Φ's diagonal for each ten unknowns."""
-    square = np.linalg.svd(root * np.tile(wide, len(root) // 10), compute_uv=False) ** 2
-    return float(np.log1p(np.maximum(square - 1.0, 0.0) / loud).sum())
+def _determined(root: Array, wide: Array, usual: Array, loud: float) -> float:
+    """ln |1 + Ψ (R_φᵀ R_φ - Φ⁻¹)/σ²|, of R_φ (n, n) and the roots of Φ's and Ψ's diagonals for each ten unknowns."""
+    first, then = (np.tile(size, len(root) // 10) for size in (wide, usual))
+    shown = then[:, None] * (root.T @ root - np.diag(first**-2.0)) * then
+    return float(np.log1p(np.maximum(np.linalg.eigvalsh(shown), 0.0) / loud).sum())
 
 
 def folded(triangle: Array, columns: Array, root: float, unknowns: int) -> tuple[Array, Array]:

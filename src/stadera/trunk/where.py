@@ -22,6 +22,13 @@ heavy.
 """
 
 
+_USUAL = 0.2
+"""Deviation of a load's mass, as a share of the robot's, and of its parts from the origin of its place, of the legs'
+length. Of 31 loads on a G1 or Talos that sways on a plant of its own, with drawn errors, one seems to be on the wrong
+side of the waist, at odds of 4 to 1; with half of it one, with three times of it four, all with 99.9 % certainty.
+"""
+
+
 class Whereabouts:
     """Places where a load may be, and how likely each is.
 
@@ -53,6 +60,8 @@ class Whereabouts:
         self.candidates: tuple[Blocks, ...] = (*((k,) for k in alone), *both)
         self.probability = np.full(len(self.candidates), np.nan)
         self._model = robot.inertias[robot.trunk].mass, _AS_MODELLED * robot.mass
+        arm = _USUAL * robot.leg_length
+        self._usual = _USUAL * robot.mass * np.array([1.0, *[arm] * 3, *[arm**2] * 6])
 
     def name(self, at: Blocks) -> str:
         """The link or links of a place."""
@@ -79,7 +88,7 @@ class Whereabouts:
         places = [place for place, known in zip(self.candidates, seen, strict=True) if known]
         if len(places) == 1:
             return False
-        odds = log_odds(since, history.before, places, errors.prior, repeats, history.wide_load)
+        odds = log_odds(since, history.before, places, errors.prior, repeats, history.wide_load, self._usual)
         share = np.exp(odds - odds.max())
         share /= share.sum()
         self.probability[:] = np.nan
