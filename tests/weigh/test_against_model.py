@@ -14,6 +14,7 @@ from stadera.lab.scenarios.run import simulate
 from stadera.robot import Robot, load_robot
 from stadera.robot.kinematics import foot_positions
 from stadera.robot.stance import standing_configuration
+from stadera.trunk.load import Payload
 from stadera.weigh import weigh
 from stadera.weigh.against_model import AgreementLimits, Footprint, doubts
 
@@ -87,6 +88,14 @@ def test_what_the_bars_allow_for_is_not_doubted(robot: Robot) -> None:
     load, stands = with_load(two, 0.2 * two.mass, feet(two)[1]), footprint(two)
     assert list(doubts(two, load, 0.01 * two.mass, None, stands, LIMITS))
     assert not list(doubts(two, load, 0.1 * two.mass, None, stands, LIMITS))
+
+
+@pytest.mark.parametrize(("at", "doubted"), [("hand", True), ("", False)])
+def test_what_is_taken_off_an_arm_makes_the_robot_lighter(robot: Robot, at: str, doubted: bool) -> None:
+    """The trunk's values contain a load on the trunk, and none elsewhere."""
+    trunk, moving = robot.inertias[robot.trunk], footprint(robot, sway=0.1)
+    off = Payload(-0.2 * robot.mass, 0.01 * robot.mass, np.full(3, np.nan), np.full((3, 3), np.nan), at=at)
+    assert bool(list(doubts(robot, trunk, 0.0, off, moving, LIMITS))) == doubted
 
 
 def test_feet_that_step_say_nothing_of_one_leg(robot: Robot) -> None:
