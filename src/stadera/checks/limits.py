@@ -132,7 +132,7 @@ class CheckLimits:
     step_side: float = 1.0
     step_every: float = 0.24  # time between tests [s]
     # z² of a step above which it is one, less 2 ln of the number of tests. Of 92 sound logs of nine robots, with drawn
-    # errors and a load, two are beyond it, both of a B1 with an arm and the same errors, and none of 30 humanoids that
+    # errors and a load, two are beyond it, both of a B1 with an arm and the same errors, and one of 41 humanoids that
     # sway on a plant of its own; half of it accuses four more. Of 58 logs with a fault that shows as a step if instants
     # are as independent as `order_repeated` says, it names 46, and all whose bars do not contain their errors; three
     # times of it 25.
