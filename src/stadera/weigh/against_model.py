@@ -153,7 +153,7 @@ def doubts(
         text = "the trunk is as low as the feet: it may lie on the ground"
         yield "doubtful", f"{text}, which then carries a part that no leg feels"
     more = difference.mass
-    if payload is not None and payload.at:  # no part of the trunk's values
+    if payload is not None and payload.at and payload.mass < 0.0:  # no part of the trunk's values
         more, std = more + payload.mass, float(np.hypot(std, payload.mass_std))
     yield from found[:1] or _of_all(more / robot.mass, SIGNIFICANT * std / robot.mass, limits)
 
