@@ -252,7 +252,7 @@ def test_instants_share_an_error_as_long_as_the_rest_is_correlated(lasting: floa
         noise[k] = lasting * noise[k - 1] + rng.standard_normal(6)
     step = np.repeat(np.arange(len(noise)) >= 2000, 6).astype(float)
     left = np.column_stack([noise.ravel() + 5.0 * step, step, np.ones_like(step)])
-    rows = SimpleNamespace(limit=np.ones(1))
+    rows = SimpleNamespace(limit=np.ones(1), footing=SimpleNamespace(limits=CheckLimits()))
     found = torques._Stretch.repeated(SimpleNamespace(left=left, rows=rows), 0, 0)  # type: ignore[arg-type]
     assert found == pytest.approx(repeated, rel=0.1)
 

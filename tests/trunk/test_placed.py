@@ -23,6 +23,7 @@ LAYOUT = ErrorLayout(6, 6, 2, (3, 3), limbs=3)
 PLACES, BLOCKS, LOUDER = 2, 30, 7.0
 LOUD = 4.0  # variance of rows that repeat one error
 WIDE = np.array([3.0, *[1.0] * 3, *[0.5] * 6])
+USUAL = 0.2 * WIDE
 SHOWN = np.isin(np.arange(LAYOUT.count), np.r_[(LAYOUT.learnt, *LAYOUT.changing)])
 """Errors that residuals show, or that change with the load; scales of torques are neither."""
 
@@ -67,7 +68,7 @@ def likelihood(earlier: list[WeightedRows], rows: list[WeightedRows], covariance
     then[:n, changing], C[:n, changing] = C[:n, changing], 0.0  # other errors than those since
     b = np.concatenate([before[:, 10], since[:, 10]])
     flat = 1e4 * A @ A.T  # the trunk is known by the triangle
-    S = LOUD * np.eye(len(b)) + flat + Y @ np.diag(WIDE**2) @ Y.T
+    S = LOUD * np.eye(len(b)) + flat + Y @ np.diag(USUAL**2) @ Y.T
     S += C @ covariance @ C.T + then @ covariance @ then.T
     return float(-0.5 * (b @ np.linalg.solve(S, b) + np.linalg.slogdet(S)[1]))
 
@@ -77,7 +78,7 @@ def test_odds_of_places_are_those_of_the_density_of_all_rows(at: int | None) -> 
     rng = np.random.default_rng(3)
     earlier, rows = drawn(rng, None), drawn(rng, at)
     covariance = 0.05**2 * np.eye(LAYOUT.count)
-    odds = log_odds(summed(rows), summed(earlier), ((0,), (1,), (2,)), covariance, LOUD / QUIETEST, WIDE, WIDE)
+    odds = log_odds(summed(rows), summed(earlier), ((0,), (1,), (2,)), covariance, LOUD / QUIETEST, USUAL)
     dense = np.array([likelihood(earlier, rows, SHOWN * covariance, place) for place in (None, 0, 1)])
     np.testing.assert_allclose(
         odds - odds[0], dense - dense[0], rtol=1e-3, atol=0.3

@@ -65,7 +65,7 @@ from stadera.logs.mend import AS_RECORDED, Mend
 from stadera.trunk.block_rows import unit_of_rows
 from stadera.trunk.error_model import ErrorModel
 from stadera.trunk.history import wide_prior
-from stadera.trunk.settings import ModelErrors
+from stadera.trunk.settings import ModelErrors, TrunkSettings
 from stadera.trunk.wrench import TRUNK_MAP, trunk_signals, wrench_of_specific_force
 from stadera.types import Array
 
@@ -111,9 +111,7 @@ class TrunkRows:
         A = (TRUNK_MAP @ trunk_signals(a.T, omega.T, alpha.T)).T.reshape(-1, 6, 10) / scale
         state = body.at(motion)
         hidden = state.unfelt.swapaxes(1, 2) * robot.unfelt_std / scale
-        sizes = ModelErrors()
-        model = ErrorModel(robot, sizes)
-        gears = sizes.gears if model.layout.flat else 1.0  # as in what the fit allows for at rest
+        model = ErrorModel(robot, ModelErrors())
         chosen = model.layout.at(*_ERRORS)
         root = np.eye(1 + len(chosen))
         root[1:, 1:] = np.linalg.cholesky(model.covariance[np.ix_(chosen, chosen)])
@@ -128,7 +126,7 @@ class TrunkRows:
             scale,
             root,
             model.limit,
-            np.sqrt(2.0 * (1.0 - model.renewed)) * model.held * model.resting * gears / model.limit,
+            np.sqrt(2.0 * (1.0 - model.renewed)) * model.held * model.resting / model.limit,
         )
 
     def columns(self, undo: Mend = AS_RECORDED) -> Array:
@@ -318,7 +316,7 @@ def _spans(footing: Footing) -> Iterator[tuple[slice, int]]:
     for at in range(least, len(time) - least + 1, every):
         begin, end = max(at - half, 0), min(at + half, len(time))
         whole = time[end - 1] - time[begin] < 1.1 * (end - begin) * step
-        free = away[begin:end].min() > limits.stop
+        free = away[begin:end].min() > TrunkSettings.stop
         if whole and free and min(lively[begin:at].mean(), lively[at:end].mean()) > limits.step_lively:
             yield slice(begin, end), at - begin
 
@@ -405,7 +403,7 @@ class _Stretch:
         square, total = float((rest**2).sum()), 1.0
         for k in range(1, len(rest)):
             correlation = float((rest[k:] * rest[:-k]).sum()) / square
-            if correlation < 0.05:
+            if correlation < self.rows.footing.limits.step_alone:
                 break
             total += 2.0 * correlation
         return total

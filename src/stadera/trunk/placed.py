@@ -12,11 +12,12 @@ the last rows, of the limbs alone, times the root of `Segment.louder`. Their row
 the trunk has the columns R themselves. What remains after θ and φ are eliminated, E = |z'' - G'' p|², is compared
 between places. With p normally distributed about zero, of covariance Σ₀, and rows of variance σ²,
 
-    -2 ln P = min_p (E/σ² + pᵀ Σ₀⁻¹ p) + ln |1 + Σ₀ G''ᵀ G''/σ²| + ln |1 + Ψ (R_φᵀ R_φ - Φ⁻¹)/σ²|
+    -2 ln P = min_p (E/σ² + φᵀ (σ² V + Ψ)⁻¹ φ + pᵀ Σ₀⁻¹ p) + ln |1 + Σ₀ Gᵀ G/σ²| + ln |1 + Ψ V⁻¹/σ²|
 
-up to a constant, and with the same prior for the load wherever it is: Φ, which R_φ contains with unit noise, is as wide
-as loads may be, so that it tells nothing of one; Ψ is what loads are, since a place where rows tell more of a load is
-the less likely the wider its prior is. σ² is the same for all places: that of the best one, times the number of rows
+up to a constant: φ is what the rows tell of the load given p, and V = (R_φᵀ R_φ)⁻¹ its covariance by unit noise; G are
+the columns of p in what remains, E's rows and φ's. A load has the covariance Ψ, the usual one, wherever it is: a place
+where rows tell more of it is the less likely the wider that is. R_φ contains a prior that is so wide that it tells
+nothing. σ² is the same for all places: that of the best one, times the number of rows
 that share one error. Static friction, which may change with the load, counts as two errors in p, one before it came and
 one since; scales of torques are left out: target and their columns have the same noise, which a scale of nothing would
 explain. What rows at rest leave beyond the triangles is noise, and left out too.
@@ -99,7 +100,6 @@ class TrunkAndLoad:
         trunk, load: each alone. whole: both together, mass by mass.
         left: (..., 1 + errors), rows that are left; before: (..., changing), as of `Solved`.
         columns: places of the load's columns among those of all loads.
-        root: (n, n), R_φ.
     """
 
     trunk: Solved
@@ -107,7 +107,6 @@ class TrunkAndLoad:
     left: Array
     before: Array
     columns: Array
-    root: Array
 
     @property
     def whole(self) -> Solved:
@@ -116,6 +115,17 @@ class TrunkAndLoad:
         for begin in range(0, len(self.load.solution), 10):
             out = out.plus(self.load.part(begin, begin + 10))
         return out
+
+    def of_usual(self, size: Array, loud: float) -> tuple[Array, Array, float]:
+        """Rows that are left, (k, 1 + errors) and (k, changing), with those of a load of usual `size` (10,) at each
+        place, in units of noise of variance `loud`; and ln |1 + Ψ V⁻¹/σ²|.
+        """
+        inverse, size = self.load.inverse, np.tile(size, len(self.load.inverse) // 10)
+        lower = np.linalg.cholesky(inverse @ inverse.T + np.diag(size**2 / loud))
+        alone = np.abs(inverse[:, -len(inverse) :].diagonal())  # V's root is a triangle
+        value, before = (lapack.dtrtrs(lower, x, lower=1)[0] for x in (self.load.solution, self.load.before))
+        determined = 2.0 * float(np.log(lower.diagonal() / alone).sum())
+        return np.vstack([self.left, value]), np.vstack([self.before, before]), determined
 
 
 def solve(since: Segment, held: Held, louder: float) -> TrunkAndLoad:
@@ -145,8 +155,7 @@ def solve(since: Segment, held: Held, louder: float) -> TrunkAndLoad:
     inverse = lapack.dtrtri(triangle[:, :count])[0]
     solved, width = inverse @ triangle[:, count:], 1 + layout.count
     whole = Solved(inverse, solved[:, :width], solved[:, width:])
-    root = triangle[10:count, 10:count]
-    return TrunkAndLoad(whole.part(0, 10), whole.part(10, count), left[:, :width], left[:, width:], columns, root)
+    return TrunkAndLoad(whole.part(0, 10), whole.part(10, count), left[:, :width], left[:, width:], columns)
 
 
 def log_odds(
@@ -155,7 +164,6 @@ def log_odds(
     places: Sequence[Blocks],
     covariance: Array,
     repeats: float,
-    wide: Array,
     usual: Array,
 ) -> Array:
     """ln P of a load at each of some places, up to a constant, (places,); see the module's text.
@@ -164,7 +172,7 @@ def log_odds(
         since: rows since the load came. before: those before it.
         covariance: Σ₀ (errors, errors), of the errors before any row.
         repeats: number of rows that share one error.
-        wide, usual: (10,), roots of Φ's and Ψ's diagonals, of a load at one place.
+        usual: (10,), roots of Ψ's diagonal, of a load at one place.
     """
     root, changing = root_of(covariance), since.layout.changing_at
     # of errors since the load came, and of those before it that may have changed; scales of torques explain nothing
@@ -180,9 +188,9 @@ def log_odds(
     rows = since.count + since.limb_count + before.limb_count
     found = [solve(since, Held(at, before), since.louder) for at in places]
 
-    def evaluated(loud: float) -> list[tuple[float, float]]:
-        """Of each place, min (E + σ² pᵀ Σ₀⁻¹ p) and ln |1 + Σ₀ G''ᵀ G''/σ²|: of the rows that all have in common, and
-        what the place's own ones add to both, given those.
+    def evaluated(loud: float, size: Array) -> list[tuple[float, float]]:
+        """Of each place, the minimum times σ² and both ln: of the rows that all have in common, and what the place's own
+        ones and its load add, given those.
         """
         system = normal.copy()
         system.flat[:: len(system) + 1] += loud
@@ -190,31 +198,20 @@ def log_odds(
         half, sizes = lapack.dtrtrs(factor, along, lower=1)[0], factor.diagonal() / sqrt(loud)
         out = []
         for each in found:
-            errors = each.left[:, 1:] @ here + each.before @ (then - here[changing])
+            rows_left, before_left, determined = each.of_usual(size, loud)
+            errors = rows_left[:, 1:] @ here + before_left @ (then - here[changing])
             moved = lapack.dtrtrs(factor, errors.T, lower=1)[0]
-            away, own = each.left[:, 0] - half @ moved, moved.T @ moved
+            away, own = rows_left[:, 0] - half @ moved, moved.T @ moved
             own.flat[:: len(own) + 1] += 1.0
             lower = lapack.dpotrf(own, lower=1)[0]
             away = lapack.dtrtrs(lower, away, lower=1)[0]
             spread = 2.0 * float(np.log(sizes).sum() + np.log(lower.diagonal()).sum())
-            out.append((float(base[0, 0] + limbs[0, 0] - half @ half + away @ away), spread))
+            out.append((float(base[0, 0] + limbs[0, 0] - half @ half + away @ away), spread + determined))
         return out
 
-    least = min(energy for energy, _ in evaluated(repeats))
+    least = min(energy for energy, _ in evaluated(repeats, 1e6 * usual))  # noise is what any load leaves
     loud = repeats * max(least / max(rows, 1.0), QUIETEST)
-    return np.array(
-        [
-            -0.5 * (energy / loud + spread + _determined(each.root, wide, usual, loud))
-            for (energy, spread), each in zip(evaluated(loud), found, strict=True)
-        ]
-    )
-
-
-def _determined(root: Array, wide: Array, usual: Array, loud: float) -> float:
-    """ln |1 + Ψ (R_φᵀ R_φ - Φ⁻¹)/σ²|, of R_φ (n, n) and the roots of Φ's and Ψ's diagonals for each ten unknowns."""
-    first, then = (np.tile(size, len(root) // 10) for size in (wide, usual))
-    shown = then[:, None] * (root.T @ root - np.diag(first**-2.0)) * then
-    return float(np.log1p(np.maximum(np.linalg.eigvalsh(shown), 0.0) / loud).sum())
+    return np.array([-0.5 * (energy / loud + spread) for energy, spread in evaluated(loud, usual)])
 
 
 def folded(triangle: Array, columns: Array, root: float, unknowns: int) -> tuple[Array, Array]:
