@@ -21,11 +21,24 @@ from pathlib import Path
 
 import mujoco as mj
 import numpy as np
-from other_plant import GRAVITY, LOADED, RATES, SETTLE, STEP, Run, sensed
+from other_plant import (
+    GRAVITY,
+    LOADED,
+    RATES,
+    SETTLE,
+    STEP,
+    DrawnRobot,
+    Run,
+    Weighed,
+    add_imu,
+    add_load,
+    judged,
+    set_up,
+    summary,
+)
 from scipy.spatial.transform import Rotation
 
 import stadera
-from stadera.errors import StaderaError
 from stadera.robot.imu import ImuMount
 from stadera.types import Array
 
@@ -52,21 +65,15 @@ HUMANOIDS = {
 
 
 @dataclass(frozen=True)
-class Weighed:
-    """What is said of one run; error in percent of the robot's mass."""
+class Placed(Weighed):
+    """Where a load is, where it is said to be, and the probability of the right place."""
 
-    robot: str
-    seed: int
-    at: str
-    verdict: str
-    error: float | None = None
-    deviations: float | None = None
+    at: str = ""
     found_at: str = ""
-    odds: float | None = None  # probability of the place where it is
-    refused: str = ""
+    odds: float | None = None
 
 
-class Plant:
+class Plant(DrawnRobot):
     """A robot with drawn errors, and a body without mass where the load will be.
 
     Args:
@@ -78,19 +85,13 @@ class Plant:
         where = HUMANOIDS[name]
         self.at, self.named = [(where.chest, where.chest), *where.hands.items()][rng.integers(3)]
         place = (0.05, 0.0, 0.15) if self.at == where.chest else (0.1, 0.0, 0.0)
-        self.model = model = self._compiled(rng, place)
-        self.data, self.posture = mj.MjData(model), mj.MjData(model)
-        moved = [model.joint(j) for j in range(model.njnt) if model.jnt_type[j] != mj.mjtJoint.mjJNT_FREE]
-        self.joints = [joint.name for joint in moved]
-        places = zip(*((joint.qposadr, joint.dofadr) for joint in moved), strict=True)
-        self.q, self.v = (np.array([at[0] for at in each]) for each in places)
+        super().__init__(self._compiled(rng, place))
         self.legs = [[self.joints.index(joint) for joint in leg.joints] for leg in robot.legs]
-        self.in_legs = np.isin(np.arange(len(moved)), np.concatenate(self.legs))
+        self.in_legs = np.isin(np.arange(len(self.joints)), np.concatenate(self.legs))
         stated = {joint: limit.effort for joint, limit in robot.limits.items()}
-        effort = [stated.get(j.name, model.jnt_actfrcrange[j.id][1]) for j in moved]
+        effort = [stated.get(joint.name, self.model.jnt_actfrcrange[joint.id][1]) for joint in self.moved]
         self.limit: Array = np.array([x if 0.0 < x < 1e3 else SPARE for x in effort])
-        self.mass = float(model.body_subtreemass[1])
-        self._differ(rng)
+        self.differ(self.limit, 0.03 * np.clip(self.limit / 100.0, 0.3, 1.0), (0.005, 0.02), 2.0, rng)
         self._stand()
 
     def _compiled(self, rng: np.random.Generator, place: Sequence[float]) -> mj.MjModel:
@@ -104,9 +105,7 @@ class Plant:
         spec = mj.MjSpec.from_string(ET.tostring(root, encoding="unicode"))
         if not any(joint.type == mj.mjtJoint.mjJNT_FREE for joint in spec.joints):
             spec.worldbody.first_body().add_freejoint()
-        spec.option.timestep, spec.option.integrator = STEP, mj.mjtIntegrator.mjINT_IMPLICITFAST
-        spec.option.cone, spec.option.impratio = mj.mjtCone.mjCONE_ELLIPTIC, 20
-        spec.worldbody.add_geom(type=mj.mjtGeom.mjGEOM_PLANE, size=[0, 0, 1])
+        set_up(spec)
         for leg in self.robot.legs:
             for x, y in CORNERS:
                 corner = (np.array(leg.foot_position) + np.array([x, y, 0.005])).tolist()
@@ -114,50 +113,18 @@ class Plant:
                     type=mj.mjtGeom.mjGEOM_SPHERE, size=[0.005, 0, 0], pos=corner, mass=0.0
                 )
         mount = ImuMount.of(self.robot)
-        turn = mount.rotation @ Rotation.from_rotvec(np.radians(1.0) / np.sqrt(3.0) * rng.normal(size=3)).as_matrix()
-        spec.body(self.robot.trunk).add_site(
-            name="imu of the log",
-            pos=mount.translation + 0.015 / np.sqrt(3.0) * rng.normal(size=3),
-            quat=np.roll(Rotation.from_matrix(turn).as_quat(), 1),
-        )
-        for kind in (mj.mjtSensor.mjSENS_GYRO, mj.mjtSensor.mjSENS_ACCELEROMETER):
-            spec.add_sensor(type=kind, objtype=mj.mjtObj.mjOBJ_SITE, objname="imu of the log")
-        load = spec.body(self.at).add_body(name="load", pos=list(place), ipos=[0, 0, 0], explicitinertial=True)
-        load.mass, load.inertia = 1e-6, [1e-9] * 3
+        add_imu(spec, spec.body(self.robot.trunk), mount.translation, mount.rotation, rng)
+        add_load(spec.body(self.at), place)
         return spec.compile()
-
-    def _differ(self, rng: np.random.Generator) -> None:
-        model, n = self.model, len(self.joints)
-        for body in np.flatnonzero(model.body_mass > 1e-3):
-            factor = 1.0 + 0.05 * rng.normal()
-            model.body_mass[body] *= factor
-            model.body_inertia[body] *= factor
-            model.body_ipos[body] += 0.005 / np.sqrt(3.0) * rng.normal(size=3)
-        share = np.exp(rng.uniform(np.log(0.003), np.log(0.03)) + 0.3 * rng.normal(size=n))
-        model.dof_frictionloss[self.v] = share * self.limit
-        model.dof_damping[self.v] = 0.004 * self.limit * np.exp(0.5 * rng.normal(size=n))
-        rotor = 0.03 * np.clip(self.limit / 100.0, 0.3, 1.0)
-        model.dof_armature[self.v] = rotor * np.exp(rng.uniform(np.log(0.3), np.log(1.5)))
-        self.lost = rng.uniform(0.0, 0.1)  # by the gears, share of the torque that they carry
-        model.geom_solref[:, 0], model.geom_friction[:, 0] = rng.uniform(0.005, 0.02), rng.uniform(0.6, 1.0)
-        slope, way = np.radians(2.0) * rng.random(), 2.0 * np.pi * rng.random()
-        down = np.array([np.sin(slope) * np.cos(way), np.sin(slope) * np.sin(way), -np.cos(slope)])
-        model.opt.gravity[:] = GRAVITY * down
-        mj.mj_setConst(model, self.data)
 
     def _stand(self) -> None:
         """Knees bent, the centre of mass over the middle of the feet."""
         q = np.array([sum(bend for part, bend in BENT.items() if part in joint) for joint in self.joints])
-        self._pose(q)
+        self.pose(q)
         feet = [self._sole(self.posture, k)[0] for k in range(2)]
         shift = self.posture.subtree_com[1] - np.mean(feet, axis=0)
         self.nominal = np.array(feet) + np.array([shift[0], shift[1], 0.0])
         self.standing = self.reached(self.nominal, np.eye(3), q, 80)
-
-    def _pose(self, q: Array) -> None:
-        self.posture.qpos[:7], self.posture.qpos[self.q] = (0, 0, 0, 1, 0, 0, 0), q
-        mj.mj_kinematics(self.model, self.posture)
-        mj.mj_comPos(self.model, self.posture)
 
     def _sole(self, data: mj.MjData, leg: int) -> tuple[Array, Array]:
         """Place and orientation of a foot."""
@@ -175,7 +142,7 @@ class Plant:
         """Joint positions that put the feet (2, 3) at places in the trunk's frame, all turned alike."""
         q = start.copy()
         for _ in range(steps):
-            self._pose(q)
+            self.pose(q)
             for k, leg in enumerate(self.legs):
                 place, own = self._sole(self.posture, k)
                 E, J = turn @ own.T, self.slope(self.posture, k)
@@ -185,21 +152,19 @@ class Plant:
 
     def run(self, load: float, rate: int, rng: np.random.Generator) -> Run:
         """Simulates; `load` [kg] is there from `LOADED` on."""
-        model, data, n, inside = self.model, self.data, len(self.joints), self.in_legs
+        data, n, inside = self.data, len(self.joints), self.in_legs
         height = -float(self.nominal[0, 2])
         data.qpos[:3], data.qpos[3:7], data.qpos[self.q] = (0.0, 0.0, height + 0.001), (1, 0, 0, 0), self.standing
-        mj.mj_forward(model, data)
+        mj.mj_forward(self.model, data)
         sway, phase = rng.uniform(0.15, 0.4, 6), 2.0 * np.pi * rng.random(6)
         swing, late = rng.uniform(0.2, 0.6, n), 2.0 * np.pi * rng.random(n)
         stiff = np.minimum(np.where(inside, np.maximum(12.0 * self.limit, 12.0 * self.mass), 40.0), 40.0 * self.limit)
         damped = np.where(inside, 0.025, 0.02) * stiff
-        q, torque, forward, rows = self.standing.copy(), np.zeros(n), np.zeros(n), []
+        q, forward, rows = self.standing.copy(), np.zeros(n), []
         for i in range(-round(SETTLE / STEP), round(LENGTH / STEP)):
             t = i * STEP
             if i == round(LOADED / STEP):
-                body = model.body("load").id
-                model.body_mass[body], model.body_inertia[body] = load, 0.05**2 * load
-                mj.mj_setConst(model, self.posture)
+                self.put_on(load)
             if i % 4 == 0:
                 start = 0.7 * min(max(t + 0.5, 0.0), 1.0)
                 s = start * np.sin(2.0 * np.pi * sway * t + phase)
@@ -207,16 +172,10 @@ class Plant:
                 q = self.reached((self.nominal - np.array([0.008, 0.02, 0.04]) * s[:3]) @ turn, turn.T, q, 2)
                 q[~inside] = (self.standing + 0.15 * start * np.sin(2.0 * np.pi * swing * t + late))[~inside]
                 forward = self._held_up(data)
-            rate_of_joints = data.qvel[self.v]
-            asked = stiff * (q - data.qpos[self.q]) - damped * rate_of_joints + forward
-            torque = torque + (asked - torque) * STEP / 0.0015
-            data.qfrc_applied[self.v] = torque - self.lost * np.abs(torque) * np.tanh(rate_of_joints / 0.05)
-            mj.mj_step(model, data)
+            self.drive(stiff * (q - data.qpos[self.q]) - damped * data.qvel[self.v] + forward)
             if i >= 0 and i % round(1.0 / (rate * STEP)) == 0:
-                rows.append(np.r_[t, data.qpos[self.q], data.qvel[self.v], torque, data.sensordata[:6], data.qpos[2]])
-        parts = np.split(np.array(rows), np.cumsum([1, n, n, n, 3, 3]), axis=1)
-        fell = bool((parts[6] < 0.7 * height).any()) or not np.isfinite(parts[6]).all()
-        return Run(self.joints, parts[0][:, 0], *parts[1:6], self.mass, load, fell)
+                rows.append(self.row(t))
+        return self.recorded(rows, load, 0.7 * height)
 
     def _held_up(self, data: mj.MjData) -> Array:
         """Torques (joints,) [N·m] that carry the robot, each foot as much as is over it, and the limbs themselves."""
@@ -228,25 +187,17 @@ class Plant:
         return out
 
 
-def weighed(robot: str, seed: int) -> Weighed | None:
+def weighed(robot: str, seed: int) -> Placed | None:
     """One run; None if the robot fell."""
     rng = np.random.default_rng([seed, list(HUMANOIDS).index(robot), 6])
     plant = Plant(robot, rng)
     run = plant.run(plant.mass * rng.uniform(0.03, 0.09), int(rng.choice(RATES)), rng)
     if run.fell:
         return None
-    log, common = sensed(run, plant.limit, rng)
-    try:
-        found = stadera.weigh(robot, log, tare=(0.0, LOADED - 0.3))
-    except StaderaError as refusal:
-        return Weighed(robot, seed, plant.named, "refused", refused=str(refusal))
-    payload = found.payload
-    assert payload is not None
-    error = 100.0 * (payload.mass - common * run.load) / run.mass
-    deviations = (payload.mass - run.load) / payload.mass_std
-    likeliest = max(payload.places, key=lambda place: payload.places[place]) if payload.places else ""
-    odds = payload.places.get(plant.named)
-    return Weighed(robot, seed, plant.named, found.trust.verdict, error, deviations, likeliest, odds)
+    found, payload = judged(robot, "sway", seed, run, plant.limit, rng)
+    places = {} if payload is None else payload.places
+    likeliest = max(places, key=lambda place: places[place], default="")
+    return Placed(**asdict(found), at=plant.named, found_at=likeliest, odds=places.get(plant.named))
 
 
 def main() -> None:
@@ -258,13 +209,8 @@ def main() -> None:
     for robot in asked.robots.split(","):
         found = [one for seed in range(asked.seeds) if (one := weighed(robot, seed))]
         runs += found
-        whole = [one for one in found if one.error is not None]
-        errors, apart = (np.abs([getattr(one, name) for one in whole]) for name in ("error", "deviations"))
         print(
-            f"{robot}: {len(found)} runs, {asked.seeds - len(found)} fell; payload off by {np.median(errors):.2f} % of "
-            f"the robot (median), {np.quantile(errors, 0.95):.2f} % (95 %); {np.sqrt(np.mean(apart**2)):.2f} σ (rms), "
-            f"{apart.max():.1f} σ at most; at the right place {sum(one.at == one.found_at for one in whole)}; "
-            f"{sum(one.verdict == 'good' for one in found)} good"
+            f"{robot}: {summary(found, asked.seeds)}, {sum(one.at == one.found_at for one in found)} at the right place"
         )
         for one in found:
             if one.verdict != "good" or one.at != one.found_at:

