@@ -362,8 +362,8 @@ def summary(found: Sequence[Weighed], asked: int) -> str:
     good = sum(one.verdict == "good" for one in found)
     return (
         f"{len(found)} runs, {asked - len(found)} fell; payload off by {np.median(errors):.2f} % of the robot "
-        f"(median), {np.quantile(errors, 0.95):.2f} % (95 %); {np.sqrt(np.mean(apart**2)):.2f} σ (rms), {apart.max():.1f} σ "
-        f"at most; {good} good"
+        f"(median), {np.quantile(errors, 0.95):.2f} % (95 %); {np.sqrt(np.mean(apart**2)):.2f} σ (rms), "
+        f"{apart.max():.1f} σ at most; {good} good"
     )
 
 

@@ -189,8 +189,8 @@ def log_odds(
     found = [solve(since, Held(at, before), since.louder) for at in places]
 
     def evaluated(loud: float, size: Array) -> list[tuple[float, float]]:
-        """Of each place, the minimum times σ² and both ln: of the rows that all have in common, and what the place's own
-        ones and its load add, given those.
+        """Of each place, the minimum times σ² and both ln, with a load's usual `size`: of the rows that all have in
+        common, and what the place's own ones and its load add, given those.
         """
         system = normal.copy()
         system.flat[:: len(system) + 1] += loud
