@@ -17,10 +17,10 @@ between places. With p normally distributed about zero, of covariance Σ₀, and
 up to a constant: φ is what the rows tell of the load given p, and V = (R_φᵀ R_φ)⁻¹ its covariance by unit noise; G are
 the columns of p in what remains, E's rows and φ's. A load has the covariance Ψ, the usual one, wherever it is: a place
 where rows tell more of it is the less likely the wider that is. R_φ contains a prior that is so wide that it tells
-nothing. σ² is the same for all places: that of the best one, times the number of rows
-that share one error. Static friction, which may change with the load, counts as two errors in p, one before it came and
-one since; scales of torques are left out: target and their columns have the same noise, which a scale of nothing would
-explain. What rows at rest leave beyond the triangles is noise, and left out too.
+nothing. σ² is the same for all places: that of the best one, times the number of rows that share one error. Static
+friction, which may change with the load, counts as two errors in p, one before it came and one since; scales of torques
+are left out: target and their columns have the same noise, which a scale of nothing would explain. What rows at rest
+leave beyond the triangles is noise, and left out too.
 """
 
 from __future__ import annotations
