@@ -166,13 +166,14 @@ class Plant(DrawnRobot):
             if i == round(LOADED / STEP):
                 self.put_on(load)
             if i % 4 == 0:
-                start = 0.7 * min(max(t + 0.5, 0.0), 1.0)
+                start, last = 0.7 * min(max(t + 0.5, 0.0), 1.0), q
                 s = start * np.sin(2.0 * np.pi * sway * t + phase)
                 turn = Rotation.from_rotvec(np.array([0.04, 0.025, 0.08]) * s[3:]).as_matrix()
                 q = self.reached((self.nominal - np.array([0.008, 0.02, 0.04]) * s[:3]) @ turn, turn.T, q, 2)
                 q[~inside] = (self.standing + 0.15 * start * np.sin(2.0 * np.pi * swing * t + late))[~inside]
                 forward = self._held_up(data)
-            self.drive(stiff * (q - data.qpos[self.q]) - damped * data.qvel[self.v] + forward)
+            asked = last + (i % 4 + 1) / 4 * (q - last)
+            self.drive(stiff * (asked - data.qpos[self.q]) - damped * data.qvel[self.v] + forward)
             if i >= 0 and i % round(1.0 / (rate * STEP)) == 0:
                 rows.append(self.row(t))
         return self.recorded(rows, load, 0.7 * height)

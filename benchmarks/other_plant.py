@@ -269,7 +269,7 @@ class Plant(DrawnRobot):
             if i == round(LOADED / STEP):
                 self.put_on(load)
             if i % 4 == 0:
-                start = min(max(t + 0.5, 0.0), 1.0)
+                start, last = min(max(t + 0.5, 0.0), 1.0), q
                 drift += 0.05 * ((data.xmat[self.trunk].reshape(3, 3).T @ data.qvel[:3])[:2] - drift)
                 if gait == "trot":
                     feet, stance = self._step(t, start, diagonal, drift)
@@ -279,7 +279,8 @@ class Plant(DrawnRobot):
                 forward = np.zeros(n)
                 for k in np.flatnonzero(stance):
                     forward[self.legs[k]] = -self.slope(data, k).T[:, 2] * self.mass * GRAVITY / stance.sum()
-            self.drive(stiff * (q - data.qpos[self.q]) - 0.03 * stiff * data.qvel[self.v] + forward)
+            asked = last + (i % 4 + 1) / 4 * (q - last)
+            self.drive(stiff * (asked - data.qpos[self.q]) - 0.03 * stiff * data.qvel[self.v] + forward)
             if i >= 0 and i % round(1.0 / (rate * STEP)) == 0:
                 rows.append(self.row(t))
         return self.recorded(rows, load, 0.5 * self.height)
