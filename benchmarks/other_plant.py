@@ -136,6 +136,8 @@ class DrawnRobot:
             model.body_ipos[body] += 0.005 / np.sqrt(3.0) * rng.normal(size=3)
         share = np.exp(rng.uniform(np.log(0.003), np.log(0.03)) + 0.3 * rng.normal(size=n))
         model.dof_frictionloss[self.v] = share * limit
+        # By default 20 ms, with which friction turns up to 10 ms before the velocity does: no real drive's.
+        model.dof_solref[self.v] = (2.0 * STEP, 1.0)
         model.dof_damping[self.v] = 0.004 * limit * np.exp(0.5 * rng.normal(size=n))
         model.dof_armature[self.v] = rotor * np.exp(rng.uniform(np.log(0.3), np.log(1.5)))
         self.lost = rng.uniform(0.0, 0.1)  # by the gears, share of the torque that they carry
