@@ -94,6 +94,14 @@ def test_json_and_report_of_the_optimum(run: Run, tmp_path: Path) -> None:
         (("--robot", "hyq", "--leg", "RH", "--out", "nowhere/motion.csv"), 1, "no such folder"),
         (("--robot", "hyq", "--leg", "RH", "--stand-height", "0.3"), 1, "raise the trunk"),
         (("--robot", "hyq"), 2, "--leg"),
+        (("--robot", "hyq", "--leg", "LF", "--trunk"), 2, "not both"),
+        (("--robot", "hyq", "--trunk", "--duration", "60"), 2, "--duration: needs --leg"),
+        (("--robot", "hyq", "--trunk", "--random"), 2, "--random: needs --leg"),
+        (("--robot", "hyq", "--trunk", "--leg-only"), 2, "--leg-only: needs --leg"),
+        (("--robot", "hyq", "--trunk", "--stand-height", "0"), 2, "--stand-height: needs --leg"),
+        (("--robot", "hyq", "--leg", "LF", "--seconds", "3"), 2, "--seconds: needs --trunk"),
+        (("--robot", "hyq", "--leg", "LF", "--for", "unitree"), 2, "--for: needs --trunk"),
+        (("--robot", "hyq", "--trunk", "--for", "unitree", "--out", "play.csv"), 1, "written as .py"),
     ],
 )
 def test_bad_requests(run: Run, arguments: tuple[str, ...], code: int, said: str) -> None:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from stadera.cli.options import Feet, LimitValues, ModelOptions, RobotName, flag, grouped, limits_of, option
+from stadera.cli.options import Feet, LimitValues, ModelOptions, RobotName, flag, grouped, limits_of, option, refuse
 from stadera.cli.outputs import ResultFiles, check_table
 from stadera.cli.terminal import progress, show
 
@@ -29,9 +29,11 @@ def excite(
     leg: Annotated[str | None, option("LEG", "A leg in the air, by its name in any case.")] = None,
     trunk: Annotated[bool, flag("The trunk of a standing robot, to weigh its payload.", "--trunk")] = False,
     out: Annotated[Path | None, option("FILE", "Write the motion as a table, .csv or .parquet, or a script.")] = None,
-    player: Annotated[Player, typer.Option("--for", help="With --trunk, what plays --out.")] = Player.csv,
-    seconds: Annotated[float, option("S", "Duration of --trunk from rest to rest [s].")] = 5.0,
-    duration: Annotated[float, option("S", "Duration of --leg from rest to rest [s].")] = 180.0,
+    player: Annotated[
+        Player | None, typer.Option("--for", help="With --trunk, what plays --out [default: csv].")
+    ] = None,
+    seconds: Annotated[float | None, option("S", "Duration of --trunk from rest to rest [s] [default: 5].")] = None,
+    duration: Annotated[float | None, option("S", "Duration of --leg from rest to rest [s] [default: 180].")] = None,
     rate: Annotated[float, option("HZ", "Sampling rate of the table and of the log [Hz].")] = 500.0,
     seed: Annotated[int, option("N", "The same seed gives the same motion.")] = 0,
     random: Annotated[bool, flag("The paper's random sinusoids instead of the optimum.", "--random")] = False,
@@ -55,11 +57,14 @@ def excite(
     the model has shapes; and compared with the paper's random sinusoids. Starts and ends at rest in the stance.
     """
     if trunk == (leg is not None):
-        raise typer.BadParameter("one of --leg LEG and --trunk is needed", param_hint="--leg")
+        why = "give --leg LEG or --trunk, not both" if trunk else "one of --leg LEG and --trunk is needed"
+        raise typer.BadParameter(why, param_hint="--leg")
+    of_leg = {"--duration": duration, "--random": random, "--leg-only": leg_only, "--stand-height": stand_height}
+    refuse("needs --leg" if trunk else "needs --trunk", of_leg if trunk else {"--for": player, "--seconds": seconds})
 
     model = ModelOptions(feet).load(robot, limits_of(limit))
     if trunk:
-        _trunk(model, out, player, seconds, rate, seed, files)
+        _trunk(model, out, player or Player.csv, seconds, rate, seed, files)
         return
     assert leg is not None
     from stadera.excite.design import ExciteSettings, motion_table
@@ -67,6 +72,7 @@ def excite(
     from stadera.logs import write_table
     from stadera.report.excite.leg import excitation_tables
 
+    duration = ExciteSettings.duration if duration is None else duration
     settings = ExciteSettings(duration, rate, seed, random, stand_height=stand_height)
     files.check(out)
     if out is not None:
@@ -83,8 +89,9 @@ def excite(
 
 
 def _trunk(
-    robot: "Robot", out: Path | None, player: Player, seconds: float, rate: float, seed: int, files: ResultFiles
+    robot: "Robot", out: Path | None, player: Player, seconds: float | None, rate: float, seed: int, files: ResultFiles
 ) -> None:
+    from stadera.errors import StaderaError
     from stadera.excite.trunk.design import RoutineSettings, weighing_routine
     from stadera.excite.trunk.planted import AXES
     from stadera.excite.trunk.result import interface_named
@@ -92,10 +99,12 @@ def _trunk(
 
     taken = AXES if player is Player.csv else interface_named(player.value).axes
     axes = tuple(axis for axis in RoutineSettings.axes if axis in taken)
-    settings = RoutineSettings(seconds, rate, seed, axes)
+    settings = RoutineSettings(RoutineSettings.seconds if seconds is None else seconds, rate, seed, axes)
     files.check(out)
     if out is not None and player is Player.csv:
         check_table(out)
+    elif out is not None and out.suffix.lower() != ".py":
+        raise StaderaError(f"{out}: the script for --for {player.value} is Python, written as .py")
     with progress() as watch:
         result = weighing_routine(robot, settings, watch)
 

@@ -11,7 +11,7 @@ import typer
 
 from stadera.cli import options as opt
 from stadera.cli import parse
-from stadera.cli.options import argument, flag, grouped, option
+from stadera.cli.options import argument, flag, grouped, option, refuse
 from stadera.cli.outputs import check_outputs, check_report, json_of, text_of, write_outputs
 from stadera.cli.terminal import progress, show
 
@@ -44,9 +44,8 @@ class FleetLogs:
         """Raises BadParameter unless there are either logs or a manifest, whose lines have the other options."""
         if (self.manifest is None) == (not self.logs):
             raise typer.BadParameter("name logs or a --manifest", param_hint="LOG_OR_GLOB")
-        for name in ("tare", "legs", "names"):
-            if self.manifest is not None and getattr(self, name) is not None:
-                raise typer.BadParameter("is of the manifest's lines", param_hint=f"--{name}")
+        if self.manifest is not None:
+            refuse("is of the manifest's lines", {"--tare": self.tare, "--legs": self.legs, "--names": self.names})
 
     def jobs(self, options: FleetOptions) -> list[LogJob]:
         """A job for each log. Raises as `read_manifest` and `jobs_of`."""
@@ -118,8 +117,8 @@ def fleet(
     """
     given.check()
     pool = processes.pool(memory=round(1e9 * worker_memory))
-    if merge is not None and not identify:
-        raise typer.BadParameter("needs --identify", param_hint="--merge")
+    if not identify:
+        refuse("needs --identify", {"--merge": merge})
     springs = None if stiffness is None else parse.point(stiffness)
 
     from stadera.fleet.jobs import FleetOptions

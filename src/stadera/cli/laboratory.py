@@ -25,6 +25,7 @@ from stadera.cli.options import (
     grouped,
     limits_of,
     option,
+    refuse,
 )
 from stadera.cli.outputs import ResultFiles, check_outputs, check_report, check_table, json_of, page_of, write_outputs
 from stadera.cli.terminal import progress, show
@@ -77,9 +78,8 @@ class RunOptions:
 
     def settings(self) -> SimulateSettings:
         """The settings of a run. Raises BadParameter: options that need --load; and as `SimulateSettings`."""
-        for name, given in {"--at": self.at, "--on": self.on}.items():
-            if self.load is None and given is not None:
-                raise typer.BadParameter("needs --load", param_hint=name)
+        if self.load is None:
+            refuse("needs --load", {"--at": self.at, "--on": self.on})
 
         from stadera.lab.scenarios.catalog import Load, SimulateSettings
         from stadera.logs import read
@@ -116,8 +116,8 @@ def simulate(
     The ground truth is written separately: LOG.truth.json has the trunk's mass and centre of mass over time and the
     controller's stiffness, LOG.truth.csv (or .parquet) the true motion and contact forces.
     """
-    if leg is not None and scenario != "swing":
-        raise typer.BadParameter("needs the scenario swing", param_hint="--leg")
+    if scenario != "swing":
+        refuse("needs the scenario swing", {"--leg": leg})
 
     from stadera.lab import require_lab
 

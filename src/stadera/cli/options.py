@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, is_dataclass
 from functools import cached_property, wraps
@@ -36,6 +36,13 @@ def flag(help_: str, *names: str, **settings: Any) -> Any:
 def argument(metavar: str, help_: str) -> Any:
     """An argument by its place."""
     return typer.Argument(metavar=metavar, help=help_)
+
+
+def refuse(why: str, given: Mapping[str, object]) -> None:
+    """Raises BadParameter for the first of these options, by their names, that was given: it would do nothing."""
+    for name, value in given.items():
+        if value is not None and value is not False:
+            raise typer.BadParameter(why, param_hint=name)
 
 
 RobotName = Annotated[
