@@ -31,6 +31,14 @@ def test_neither_a_file_nor_a_robot(run):
     assert finished.err.count("\n") == 1
 
 
+def test_options_that_do_nothing_are_refused(run, log):
+    for options in (("go2", "--robot", "go2"), ("go2", "hyq", "--robot", "go2"), ("go2", "--units", "ms")):
+        finished = run("inspect", *options)
+        assert finished.code == 2
+        assert f"{options[-2]}: is for a log" in finished.err
+    assert "--fix: needs --robot" in run("inspect", log, "--fix").err
+
+
 def test_a_file_that_is_no_robot(run, tmp_path):
     path = tmp_path / "page.xml"
     path.write_text("<html></html>")

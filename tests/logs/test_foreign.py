@@ -149,13 +149,22 @@ def test_units_in_the_names_yield_to_those_asked_for(tmp_path: Path) -> None:
     assert read_as(path, units="rad").position[0].tolist() == pytest.approx([1.0, 2.0])
 
 
-def test_bags_are_converted_too_but_their_stamps_are_not(tmp_path: Path) -> None:
+def test_a_bag_is_converted_and_has_stamps_of_its_own(tmp_path: Path) -> None:
     from bags import of_recording, write_mcap
 
     given = Recording(np.arange(5) * 0.01, ("a",), np.ones((5, 1)))
-    log = read_as(write_mcap(of_recording(given), tmp_path / "x.mcap"), units="deg,ms")
-    assert log.position[0, 0] == pytest.approx(np.pi / 180)
-    assert log.time[1] == pytest.approx(0.01)
+    bag = write_mcap(of_recording(given), tmp_path / "x.mcap")
+    assert read_as(bag, units="deg").position[0, 0] == pytest.approx(np.pi / 180)
+    with pytest.raises(RecordingError, match="messages have stamps: leave out --units ms,200Hz"):
+        read_as(bag, units="deg,ms,200Hz")
+
+
+@pytest.mark.parametrize(("units", "step", "unit"), [("ms", 0.004, "s"), ("us", 4.0, "ms"), ("ns", 4e3, "us")])
+def test_a_unit_of_time_that_is_too_short_is_named(tmp_path: Path, units: str, step: float, unit: str) -> None:
+    path = table(tmp_path, "time", "a.position", step=step)
+    with pytest.raises(RecordingError, match=f"'time' seems to be in {unit}, not in {units}; add"):
+        read_as(path, units=units)
+    assert read_as(path, units=unit).time[1] == pytest.approx(0.004)
 
 
 def test_rows_without_time_have_a_rate(tmp_path: Path) -> None:
@@ -164,6 +173,8 @@ def test_rows_without_time_have_a_rate(tmp_path: Path) -> None:
         read(path)
     chunks = list(stream(LogFile(path, Topics(), ReadOptions.of(units="50Hz")), rows=2))
     assert [time for chunk in chunks for time in chunk.time] == pytest.approx([0, 0.02, 0.04, 0.06, 0.08])
+    with pytest.raises(RecordingError, match="is a column of time, 't': leave out --units 50Hz"):
+        read_as(table(tmp_path, "t", "a_pos"), units="50Hz")
 
 
 MAP = """

@@ -1,10 +1,10 @@
 """`stadera inspect`: shows the content of a robot model or a log."""
 
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from stadera.cli.options import LogOptions, ModelOptions, argument, grouped, limits_of, option
+from stadera.cli.options import LogOptions, ModelOptions, argument, grouped, limits_of, option, refuse
 from stadera.cli.outputs import GatedCommand
 from stadera.cli.terminal import progress, show
 
@@ -56,10 +56,16 @@ def inspect(
             reading = _named(reading, shape.load(robot, limits_of(options.limit)))
         print(template(Path(target), reading), end="")
         return
+    given = {f"--{one.name.replace('_', '-')}": getattr(options, one.name) for one in fields(options)}
+    of_model = other is not None or _is_robot(target)
+    if of_model:
+        refuse("is for a log", {"--robot": robot, **given, "--limit": None})
+    elif robot is None:
+        refuse("needs --robot", {"--fix": options.fix})
     if other is not None:
         _compare(target, other, limits_of(options.limit), shape)
         return
-    if _is_robot(target):
+    if of_model:
         from stadera.report.inspect import robot_contents
 
         show(*robot_contents(shape.load(target, limits_of(options.limit))))

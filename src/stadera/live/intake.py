@@ -17,7 +17,6 @@ from stadera.live.topics import JOINT_KINDS, KINDS, Arrival, PublisherFilter, Se
 from stadera.logs.bags.choice import Choice
 from stadera.logs.bags.container import Decoded, Message, Topic
 from stadera.logs.bags.decode import IMU, Decoder, decoder
-from stadera.logs.bags.log import stamped
 from stadera.logs.bags.merging import Merging
 from stadera.logs.bags.unitree import LOW_STATES
 from stadera.logs.batches import recordings
@@ -48,7 +47,8 @@ class Intake:
         reading: ReadOptions = AS_RECORDED,
     ) -> None:
         others = () if robot.extra is None else robot.extra.joints
-        self._reading = replace(stamped(reading), others=others)
+        reading.refuse_time("live")
+        self._reading = replace(reading, others=others)
         self._robot, self._settings, asked = robot, settings or LiveSettings(), topics or Topics()
         self._asked = Topics(*(name if name is None else f"/{name.lstrip('/')}" for name in (asked.joint, asked.imu)))
         self.topics: Choice | None = None

@@ -16,7 +16,7 @@ from stadera.limits import Budget
 from stadera.logs.columns import TIME, Layout
 from stadera.logs.recording import Recording, check_values, dropout_note, fields_of, with_velocity
 from stadera.logs.topics import DESIRED, PD_DOUBT, PdGains
-from stadera.logs.units import FACTORS, unix_unit
+from stadera.logs.units import FACTORS, longer_unit, unix_unit
 from stadera.types import Array, Bools
 
 MOST_ROWS = 32768
@@ -193,6 +193,10 @@ def table_recordings(batches: Iterable[Array], layout: Layout, source: str, rows
         note = f"converted to SI units: time, which is Unix time in {unit}"
         factors = {**layout.factors, TIME: FACTORS[TIME][unit]}
         layout = replace(layout, factors=factors, notes=(*layout.notes, note))
+    factor = layout.factors.get(TIME, 1.0)
+    if unit := longer_unit(first[0, ~np.isnan(first[0])], factor):
+        taken = next((name for name, known in FACTORS[TIME].items() if known == factor), f"{factor:g} s")
+        raise RecordingError(f"{source}: column 'time' seems to be in {unit}, not in {taken}; add --units {unit}")
     if is_interleaved(first, layout):
         batches = aligned(in_si(batches, layout), layout)
         note = "rows without joint positions are left out; the IMU is interpolated at the stamps of the others"

@@ -88,6 +88,9 @@ def layout(
     timed = TIME in table.sources
     if not timed and table.rate_hz is None:
         raise header.missing(TIME, "not a flat table: ")
+    if timed and reading.units.rate_hz is not None:
+        rate = f"--units {reading.units.rate_hz:g}Hz"
+        raise RecordingError(f"{source}: there is a column of time, {table.sources[TIME]!r}: leave out {rate}")
     wanted, idle = header.joints() if joints is None else (requested, ())
     channels, notes = header.channels(wanted, require, reading.pd)
     imu, imu_notes = header.imu("imu" in require)

@@ -112,6 +112,11 @@ class ReadOptions:
             () if gear is None else (gear,),
         )
 
+    def refuse_time(self, source: str) -> None:
+        """Raises RecordingError, for messages, which are stamped, if a unit of time or a rate is requested."""
+        if asked := self.units.of_time:
+            raise RecordingError(f"{source}: messages have stamps: leave out --units {asked}, which is for tables")
+
 
 AS_RECORDED = ReadOptions()
 """Interprets columns by their names, in SI units unless the names state others."""

@@ -89,6 +89,12 @@ class Units:
         """These units, completed by another's where they are unspecified."""
         return Units({**other.of, **self.of}, other.rate_hz if self.rate_hz is None else self.rate_hz)
 
+    @property
+    def of_time(self) -> str:
+        """What is said of time, a unit or a rate, as in `parse`; empty for nothing."""
+        rate = "" if self.rate_hz is None else f"{self.rate_hz:g}Hz"
+        return ",".join(filter(None, [self.of.get("time", ""), rate]))
+
 
 def quantity_of(column: str) -> str:
     """The quantity of a column of the flat table, a key of `FACTORS`; empty for one without a unit."""
@@ -113,6 +119,15 @@ def unix_unit(stamps: Array) -> str:
         if factor < 1.0 and _UNIX[0] <= factor * stamps[0] <= _UNIX[1] and _STEPS[0] <= factor * step <= _STEPS[1]:
             return unit
     return ""
+
+
+def longer_unit(stamps: Array, factor: float) -> str:
+    """Unit of stamps that were taken to be in a shorter one, of this factor to seconds, with which samples would follow
+    each other closer than in any log; empty if they do not.
+    """
+    step = float(np.ptp(stamps)) / (len(stamps) - 1) if len(stamps) > 1 else np.inf  # stamps may be in bursts
+    longer = (unit for unit, known in FACTORS["time"].items() if factor < known and 1e-4 <= known * step <= 0.5)
+    return next(longer, "") if factor * step < _STEPS[0] else ""
 
 
 def _quantities_of(unit: str) -> list[str]:

@@ -22,10 +22,9 @@ from stadera.logs.bags.files import Container
 from stadera.logs.bags.merging import Merging, first_samples
 from stadera.logs.bags.unitree import LowStates
 from stadera.logs.batches import recordings, within
-from stadera.logs.columns import TIME, layout
+from stadera.logs.columns import layout
 from stadera.logs.recording import Recording
-from stadera.logs.topics import LogFile, ReadOptions
-from stadera.logs.units import Units
+from stadera.logs.topics import LogFile
 from stadera.types import Array, Bools
 
 
@@ -51,6 +50,7 @@ class BagLog:
         path = log.path
         if log.reading.columns is not None:
             raise RecordingError(f"{path}: a {self.name} has no columns: leave out --columns, which is for tables")
+        log.reading.refuse_time(str(path))
         bag = Bag.at(path, self.container, log.reading.limits)
         found = bag.topics()
         probe = replace(bag, damage=[])  # damage is reported when the bag is read
@@ -72,19 +72,13 @@ class BagLog:
             raise RecordingError(f"{path}: {error}") from None
         if merging.imu_fault and "imu" in require:
             raise RecordingError(f"{path}: topic {choice.imu} cannot be used as IMU: {merging.imu_fault}")
-        table = layout(merging.columns, str(path), joints, require, stamped(log.reading))
+        table = layout(merging.columns, str(path), joints, require, log.reading)
         notes = (f"left out the IMU, topic {choice.imu}: {merging.imu_fault}",) if merging.imu_fault else ()
         table = replace(table, imu_frame=merging.imu_frame, notes=(*choice.notes, *notes, *table.notes))
         merging.choose(table.recorded)
         batches = within(_batches(chain(head, samples), merging, self.settings.batch), bag.budget, rows)
         notes_of_all = _notes(bag, damaged, merging, choice.joint, decoders[choice.joint])
         return _with_final_notes(recordings(batches, table, str(path), rows), notes_of_all)
-
-
-def stamped(reading: ReadOptions) -> ReadOptions:
-    """The reading without a unit of time: stamps of messages are in seconds and nanoseconds."""
-    units = {quantity: unit for quantity, unit in reading.units.of.items() if quantity != TIME}
-    return replace(reading, units=Units(units))
 
 
 def _samples(
