@@ -62,6 +62,13 @@ def test_names_that_are_recognised(columns: tuple[str, ...], joint: str, tmp_pat
     assert any("columns read by the preset" in note for note in log.notes)
 
 
+@pytest.mark.parametrize("torques", [("fl_hip_tau", "fl_hip_tau_est"), ("tau_fl_hip", "tau_est_fl_hip")])
+def test_the_measured_torque_is_read_beside_the_commanded_one(torques: tuple[str, str], tmp_path: Path) -> None:
+    log = read(table(tmp_path, "time", "fl_hip_q", *torques))
+    assert log.effort is not None
+    assert log.effort[0, 0] == 3.0
+
+
 @pytest.mark.parametrize(
     ("chosen", "columns", "order"),
     [
