@@ -50,6 +50,23 @@ def test_numbered_arrays_need_their_order(tmp_path: Path) -> None:
     assert log.imu is not None
 
 
+def test_any_list_of_as_many_names_is_that_of_the_joints(tmp_path: Path) -> None:
+    joints = [f"left_{k}_joint" for k in range(12)]
+    feet, acted = ["left", "right"], joints[:6]
+    path = npz(
+        tmp_path, t=TIME, q=MANY, tau_est=MANY + 1, gyro=MANY[:, :3], acc=MANY[:, :3], action=MANY[:, :6],
+        feet=feet, acted=acted, joint_order=joints,
+    )  # fmt: skip
+    log = read(path)
+    assert log.joints == tuple(joints)
+    np.testing.assert_array_equal(log.effort, MANY + 1)
+    assert log.imu is not None
+    assert any("order of the log's list" in note for note in log.notes)
+    assert read(LogFile(path, Topics(), ReadOptions.of("unitree"))).joints[0] == "FR_hip_joint"
+    with pytest.raises(RecordingError, match=r"no column '<joint>\.position'"):
+        read(npz(tmp_path, t=TIME, q=MANY, tau=MANY, acted=acted))
+
+
 def test_nan_is_a_dropout(tmp_path: Path) -> None:
     holed = TIME.copy()
     holed[7] = np.nan

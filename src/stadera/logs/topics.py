@@ -83,6 +83,7 @@ class ReadOptions:
     changes: tuple[Change, ...] = ()  # applied to what is read, in order: gear ratios, corrections of faults
     # joints of no leg, an arm's or a lidar's, to read besides the requested ones if they are recorded
     others: tuple[str, ...] = ()
+    orders: tuple[tuple[str, ...], ...] = ()  # lists of names that the log has, any of which may be that of its joints
 
     @classmethod
     def of(

@@ -66,6 +66,8 @@ def translated(
         found = _mapped(preset(name), plain, source, topics, joints)
         if ("time" in found or reading.units.rate_hz is not None) and _has_positions(found):
             return _in_units(found, preset(name), labels, reading.units, given=False)
+    if (by_list := _by_list(names, reading, joints)) is not None:
+        return by_list
     unknown = replace(_as_is(names, plain, labels, reading.units), recognised=False)
     timed = _mapped(preset(_GENERAL), plain, source, topics, joints).get("time")
     return replace(unknown, sources={**unknown.sources, "time": timed.column}) if timed else unknown
@@ -231,9 +233,29 @@ def hint(names: Sequence[str], reading: ReadOptions) -> str:
     return f"; {', '.join([*ways, f'--columns MAP.toml{order} ({TEMPLATE_HINT})'])}"
 
 
-def _all_fitting(names: Sequence[str], reading: ReadOptions) -> Iterator[tuple[str, Translation]]:
-    """Yields the presets that fit if requested, and what they translate columns to."""
+def _by_list(names: Sequence[str], reading: ReadOptions, joints: Collection[str]) -> Translation | None:
+    """Translates numbered columns by the log's list that names as many joints as are numbered, the one with most of
+    `joints`; None if there is none.
+    """
+    found = [
+        replace(one, notes=(*one.notes, "joints in the order of the log's list of their names"))
+        for order in reading.orders
+        if len(order) < len(names)
+        for _, one in _all_fitting(names, reading, (*order, ""))  # the last for columns beyond the list
+        if sorted(_positions(one)) == sorted(order)
+    ]
+    return max(found, key=lambda one: (len(set(joints) & set(_positions(one))), len(one.sources)), default=None)
+
+
+def _positions(found: Translation) -> list[str]:
+    return [flat.removesuffix(".position") for flat in found.sources if flat.endswith(".position")]
+
+
+def _all_fitting(
+    names: Sequence[str], reading: ReadOptions, order: tuple[str, ...] = ()
+) -> Iterator[tuple[str, Translation]]:
+    """Yields the presets that fit if requested, and what they translate columns to, by this order of the joints."""
     for name in preset_names():
-        asked = replace(preset(name).asked(), joints=preset(name).joints or _NUMBERED)
+        asked = replace(preset(name).asked(), joints=order or preset(name).joints or _NUMBERED)
         with suppress(RecordingError):
             yield name, translated(names, "", ReadOptions(asked, reading.units), Topics())

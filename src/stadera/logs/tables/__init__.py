@@ -19,6 +19,7 @@ class OpenTable:
     names: tuple[str, ...]  # of the columns
     batches: Callable[[tuple[str, ...], int | None], Iterable[Array]]  # of some columns, for recordings of so many rows
     imu_frame: str | None = None
+    orders: tuple[tuple[str, ...], ...] = ()  # see `ReadOptions`
 
 
 @dataclass(frozen=True)
@@ -41,6 +42,7 @@ class TableReader:
         path, budget = str(log.path), Budget(log.path, log.reading.limits)
         table = self.opened(budget)
         budget.require_columns(table.names)
-        found = layout(table.names, path, joints, require, log.reading, log.topics, self.name)
+        reading = replace(log.reading, orders=table.orders)
+        found = layout(table.names, path, joints, require, reading, log.topics, self.name)
         batches = within(table.batches(found.recorded, rows), budget, rows)
         return table_recordings(batches, replace(found, imu_frame=table.imu_frame), path, rows)

@@ -2,7 +2,8 @@
 
 An array of shape (samples,) is a column. One of shape (samples, k) is k columns: of the joints that the array `joints`
 names for position, velocity, acceleration, effort and their desired values; x, y, z (w) for an IMU's vectors and a
-foot's force; else they are numbered, name[0] to name[k-1]. Pickled objects are never read.
+foot's force; else they are numbered, name[0] to name[k-1], and any array of k texts may name their joints. Pickled
+objects are never read.
 """
 
 import subprocess
@@ -66,20 +67,23 @@ def _is_npz(path: Path) -> bool:
 
 
 def _opened_npz(budget: Budget) -> OpenTable:
-    columns = _npz_columns(budget)
+    shapes, lists = _npz_header(budget)
+    columns = columns_of_arrays(shapes, lists.get(_JOINTS, ()), budget)
 
     def batches(names: tuple[str, ...], rows: int | None) -> Iterator[Array]:
         return _batches(_npz_arrays({columns[name][0] for name in names}, budget), columns, names, budget.path)
 
-    return OpenTable(tuple(columns), batches)
+    return OpenTable(tuple(columns), batches, orders=tuple(lists.values()))
 
 
 def _opened_mat(budget: Budget) -> OpenTable:
     arrays = _mat_arrays(budget)
-    joints = [str(joint).strip() for joint in arrays.get(_JOINTS, np.array([])).ravel()]
     shapes = {name: array.shape for name, array in arrays.items() if array.dtype.kind in _NUMBERS}
-    columns = columns_of_arrays(shapes, joints, budget)
-    return OpenTable(tuple(columns), lambda names, rows: _batches(arrays, columns, names, budget.path))
+    texts = {name: array.ravel() for name, array in arrays.items() if array.dtype.kind == "U"}
+    lists = {name: tuple(str(text).strip() for text in found) for name, found in texts.items()}
+    columns = columns_of_arrays(shapes, lists.get(_JOINTS, ()), budget)
+    orders = tuple(lists.values())
+    return OpenTable(tuple(columns), lambda names, rows: _batches(arrays, columns, names, budget.path), orders=orders)
 
 
 NPZ = TableReader("NumPy table", (".npz",), _is_npz, _opened_npz)
@@ -119,9 +123,10 @@ def _read_header(file: IO[bytes]) -> tuple[tuple[int, ...], np.dtype[Any]]:
     return shape, dtype
 
 
-def _npz_columns(budget: Budget) -> dict[str, Column]:
+def _npz_header(budget: Budget) -> tuple[dict[str, tuple[int, ...]], dict[str, tuple[str, ...]]]:
+    """Shapes of the arrays of numbers, and the lists of texts that could name joints."""
     shapes: dict[str, tuple[int, ...]] = {}
-    joints: list[str] = []
+    lists: dict[str, tuple[str, ...]] = {}
     path = budget.path
     with foreign(path, _DAMAGED_NPZ), zipfile.ZipFile(path) as archive:
         for member in archive.namelist():
@@ -133,13 +138,13 @@ def _npz_columns(budget: Budget) -> dict[str, Column]:
                     f"{path}: array {name!r} holds pickled objects, which can run any code and are not read; save it "
                     f"as numbers or as names: import numpy; numpy.savez(..., {name}=list_of_them)"
                 )
-            if name == _JOINTS and dtype.kind == "U":
+            if dtype.kind == "U" and len(shape) == 1 and shape[0] <= budget.limits.columns:
                 budget.require_unpacked(archive.getinfo(member).file_size, "an array")
                 with archive.open(member) as file:
-                    joints = [str(joint) for joint in np.lib.format.read_array(file, allow_pickle=False)]  # type: ignore[no-untyped-call]
+                    lists[name] = tuple(map(str, np.lib.format.read_array(file, allow_pickle=False)))  # type: ignore[no-untyped-call]
             elif dtype.kind in _NUMBERS:
                 shapes[name] = shape
-    return columns_of_arrays(shapes, joints, budget)
+    return shapes, lists
 
 
 def _npz_arrays(names: Collection[str], budget: Budget) -> dict[str, NDArray[Any]]:
