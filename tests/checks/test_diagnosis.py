@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from stadera.checks import CheckLimits
+from stadera.checks import CheckLimits, contradictions
 from stadera.checks.instants import Instants
 from stadera.checks.residual import Footing, Gain
 from stadera.checks.signals import dropouts, gravity_findings
@@ -414,6 +414,14 @@ def test_a_log_of_no_or_one_sample_is_refused(hyq: Robot, clean: Recording, samp
 def test_a_log_without_imu_or_torques_is_looked_at_as_far_as_it_goes(hyq: Robot, clean: Recording) -> None:
     assert diagnose(replace(clean, imu=None), hyq) == ()
     assert diagnose(replace(clean, effort=None), hyq) == ()
+
+
+def test_a_log_without_imu_is_told_of_no_accelerometer(hyq: Robot, clean: Recording) -> None:
+    assert clean.effort is not None
+    turned = np.where((np.arange(len(clean)) // (len(clean) // 10) % 3 > 0)[:, None], -1.0, 2.0) * clean.effort
+    found = contradictions(replace(clean, imu=None, effort=turned), hyq)
+    assert any("forces are" in clause and "off their mean direction" in clause for clause in found)
+    assert not any("accelerometer" in clause for clause in found)
 
 
 @cache

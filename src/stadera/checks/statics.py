@@ -124,9 +124,10 @@ def _of_directions(footing: Footing, force: float, plane: float) -> Iterator[Fig
     plane tilts.
     """
     limits, imu, tilts = footing.limits, footing.blocks.specific_force is not None, Tilts.of(footing)
-    clause = f"the feet's forces are {np.degrees(force):.0f}° off the accelerometer's vertical"
+    vertical = "the accelerometer's vertical"
+    clause = f"the feet's forces are {np.degrees(force):.0f}° off {vertical if imu else 'their mean direction'}"
     yield force / np.radians(3.0), [clause] if force > limits.force_angle else []
-    other = "the accelerometer's vertical" if imu else "the direction of their forces"
+    other = vertical if imu else "the direction of their forces"
     clause = f"the feet's plane is {np.degrees(plane):.0f}° off {other}"
     yield plane / np.radians(10.0), [clause] if plane > limits.plane_angle else []
     wrong = imu and tilts.size > limits.tilt and tilts.similarity < limits.unlike and tilts.turned > limits.like
