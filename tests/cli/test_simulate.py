@@ -117,6 +117,7 @@ def test_every_scenario_has_events_within_its_time() -> None:
         ),
         ("motion", SimulateSettings(), "plays a table"),
         ("stand", SimulateSettings(load_time=1.0), "load_time needs a load"),
+        ("trot-load", SimulateSettings(load_time=3.0, duration=3.0), "a load at 3 s never lands in a run of 3 s"),
         (SWING, SimulateSettings(load=Load(5.0)), "load goes with the scenarios stand,"),
     ],
 )

@@ -16,7 +16,7 @@ from rich.console import Console
 import bags
 from stadera.cli.live import _shown
 from stadera.live import Answer, LiveSession, LiveState
-from stadera.logs import Recording
+from stadera.logs import Recording, write_table
 from stadera.report.live import live_lines, live_screen
 from stadera.robot import Robot
 from stadera.trust import Trust
@@ -91,8 +91,9 @@ def test_nothing_bad_is_shown_unmarked(states: list[LiveState]) -> None:
 
 def test_a_line_for_everything_that_happens(states: list[LiveState]) -> None:
     nothing, tared, loaded = states
-    first, then, last = live_lines(nothing, None), live_lines(tared, nothing), live_lines(loaded, tared)
+    first, then, last = (list(live_lines(*pair)) for pair in ((nothing, None), (tared, nothing), (loaded, tared)))
     assert any("waiting for joint states" in line for line in first)
+    assert f"{tared.since(tared.tared_at):.2f} s: tared" in then
     assert {"samples arrive", "tared"} <= {line.partition(": ")[2] for line in then}
     assert [line for line in last if "load on at" in line]
     assert not list(live_lines(loaded, loaded))
@@ -113,8 +114,23 @@ def test_a_replay_tares_itself(run: Callable[..., Any], walk_file: Path, endpoin
     asked = ("--rate", "inf", "--listen", endpoint, "--tare", "1.2")
     done = run("live", f"replay:{walk_file}", "--robot", "hyq", *asked)
     assert done.code == 0, done.err
-    assert "tared" in done.out
+    assert "\n1.20 s: tared" in done.out
     assert "; payload " in " ".join(done.out.split())
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [(("--tare", "50"), "never tared: --tare 50 was not possible"), ((), "unknown IMU frame 'camera'")],
+)
+def test_a_replay_that_does_not_do_what_was_asked_fails(
+    run: Callable[..., Any], walk: Recording, tmp_path: Path, endpoint: str, options: tuple[str, ...], said: str
+) -> None:
+    assert walk.imu is not None
+    log = walk if options else replace(walk, imu=replace(walk.imu, frame="camera"))
+    path = write_table(log, tmp_path / "walk.parquet")
+    done = run("live", f"replay:{path}", "--robot", "hyq", "--rate", "inf", "--listen", endpoint, *options)
+    assert done.code == 1
+    assert said in done.err
 
 
 @pytest.mark.parametrize(

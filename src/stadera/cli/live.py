@@ -9,6 +9,7 @@ import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from math import isnan
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -20,7 +21,8 @@ from stadera.cli.outputs import REPLAY
 from stadera.cli.terminal import show
 
 if TYPE_CHECKING:
-    from stadera.live import Answer, LiveState
+    from stadera.live import Answer, LiveSession, LiveState
+    from stadera.logs.topics import LogFile
 
 
 @grouped
@@ -80,6 +82,18 @@ def live(
         if learnt is not None:
             learnt.save_json(weighed.memory)
         show(said)
+    _require_done(session, last, log)
+
+
+def _require_done(session: LiveSession, last: LiveState, log: LogFile | None) -> None:
+    """Raises StaderaError: no sample of a log was used, or the tare that was asked for was never taken."""
+    from stadera.errors import StaderaError
+
+    if log is not None and isnan(last.time):
+        raise StaderaError(f"{log}: nothing is weighed, for want of {'; '.join(last.waiting_for) or 'samples'}")
+    if session.tare_after is not None:
+        end = "before any sample" if isnan(last.time) else f"at {last.since(last.time):.2f} s"
+        raise StaderaError(f"never tared: --tare {session.tare_after:g} was not possible until the end {end}")
 
 
 @contextmanager

@@ -110,7 +110,8 @@ class LiveSession:
         at: link or frame on which the payload is, see `TrunkEstimator`.
 
     Attributes:
-        intake: of the messages. estimator: of the trunk; None before the first samples.
+        intake: of the messages. estimator: of the trunk; None before the first samples. tare_after: as given, None once
+            it was taken.
     """
 
     def __init__(
@@ -132,7 +133,7 @@ class LiveSession:
         self._guard = StreamGuard(robot, imu_frame, self.settings.guarded, fix, reading.changes)
         self.estimator: TrunkEstimator | None = None
         self.imu_frame, self.fix, self._watch, self._posed = imu_frame, fix, watch, robot
-        self._tare_after, self._at = tare_after, at
+        self.tare_after, self._at = tare_after, at
         self._idle, self._weight = TrunkEstimator(robot, settings=self.settings.trunk, at=at), weight
         if weight is not None:
             self._idle.know_weight(*weight)  # raises immediately for one that the robot cannot have
@@ -141,7 +142,7 @@ class LiveSession:
             ImuMount.of(robot, imu_frame)  # raises immediately for an unknown name
         self._fault = ""
         self._begin, self._time, self._arrived = np.nan, np.nan, np.nan
-        self._tared_after: int | None = None
+        self._tared: tuple[int, float] | None = None  # number of changes before the tare, and its time [s]
 
     def feed(self, arrivals: Iterable[Arrival]) -> None:
         """Processes messages; unusable ones are counted, and none raises an error."""
@@ -181,12 +182,12 @@ class LiveSession:
         if trust_now(estimator).verdict == "bad":
             return Answer(False, f"no tare: {'; '.join(trust_now(estimator).reasons)}")
         estimator.tare()
-        self._tared_after = len(estimator.changes)
+        self._tared = len(estimator.changes), self._time
         return Answer(True, f"tared at {self._time - self._begin:.2f} s")
 
     def reset(self) -> Answer:
         """Discards all estimates, including the tare and the changes."""
-        self.estimator, self._tared_after = None, None
+        self.estimator, self._tared = None, None
         return Answer(True, "everything learnt is forgotten; the model is the prior")
 
     def remembered(self) -> tuple[Memory | None, str]:
@@ -201,7 +202,7 @@ class LiveSession:
         """Key of the state that changes when a state must be sent at once: changes, verdict, missing input, tare."""
         estimator = self.estimator or self._idle
         verdict, lacking = self._trust(estimator).verdict, self._lacking(until)
-        return len(estimator.changes), verdict, lacking, self._tared_after, estimator
+        return len(estimator.changes), verdict, lacking, self._tared, estimator
 
     def state(self, now: float | None = None, until: float | None = None) -> LiveState:
         """The present state, on the clock of the arrivals [s], None for this machine's. Topics count as silent only up
@@ -210,7 +211,7 @@ class LiveSession:
         now = time.monotonic() if now is None else now
         estimator, intake = self.estimator or self._idle, self.intake
         payload, changes = estimator.payload, estimator.changes
-        tared = self._tared_after or 0
+        tared, tared_at = self._tared or (0, np.nan)
         after = () if payload is None else since_tare(changes[tared:], payload)
         stamp = 0 if np.isnan(self._time) else round(1e9 * self._time) - intake.clock.shift
         behind = time.time() - 1e-9 * stamp
@@ -232,6 +233,7 @@ class LiveSession:
             spikes=estimator.spikes,
             impacts=estimator.impacts,
             begin=0.0 if np.isnan(self._begin) else self._begin,
+            tared_at=tared_at,
         )
 
     def _trust(self, estimator: TrunkEstimator) -> Trust:
@@ -265,12 +267,12 @@ class LiveSession:
             estimator.restart()
         self.estimator, self.intake.fresh = estimator, False
         samples = Samples.of_recording(recording, self._posed, estimator.mount.name)
-        after = np.inf if self._tare_after is None else self._tare_after
+        after = np.inf if self.tare_after is None else self.tare_after
         due = 1 + int(np.searchsorted(samples.time, self._begin + after))
         for part in filter(len, (samples[:due], samples[due:])):
             estimator.add(part)
             self._time = float(part.time[-1])
             if self._time - self._begin >= after and self.tare().success:
-                self._tare_after, after = None, np.inf
+                self.tare_after, after = None, np.inf
         if self._watch is not None:
             self._watch(samples, estimator)

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
+from math import nan
 from typing import Any
 
 from stadera.constants import DAY
@@ -76,6 +77,7 @@ class LiveState:
     spikes: int = 0  # samples of which single wild values were replaced since the estimates began
     impacts: float = 0.0  # s, left out since then because the rate does not resolve impacts
     begin: float = 0.0  # time of the first sample used [s], from which times that a person reads are counted
+    tared_at: float = nan  # time of the newest sample used at the tare [s], NaN without one
 
     def since(self, time: float) -> float:
         """Time since the first sample [s] of one on the state's clock."""

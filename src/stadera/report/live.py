@@ -46,7 +46,7 @@ def live_lines(state: LiveState, before: LiveState | None) -> Iterator[str]:
     if before is None or before.trust.verdict != state.trust.verdict:
         yield f"{at}trust: {trust_text(state.trust)}"
     if state.payload is not None and (before is None or before.payload is None):
-        yield f"{at}tared"
+        yield f"{state.since(state.tared_at):.2f} s: tared"
     known = {change.noticed for change in (before.changes if before else ())}
     for change in state.changes:
         if change.noticed not in known:

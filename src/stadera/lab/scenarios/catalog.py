@@ -195,13 +195,17 @@ class Scenario:
     stepping: bool = False  # whether it is of robots on two flat feet only
 
     def script(self, robot: Robot, settings: SimulateSettings, duration: float) -> list[ScriptEvent]:
-        """Events of a run of this duration [s], in order of time. Raises StaderaError: settings it does not use."""
+        """Events of a run of this duration [s], in order of time. Raises StaderaError: settings it does not use,
+        or a load after the end.
+        """
         settings.require(self.takes)
         events = [*self.events(robot, settings, duration)] if self.events else []
         if settings.load is not None or self.own:
             share = 0.5 * DEFAULTS.load if self.stepping else DEFAULTS.load  # beside one of two feet
             payload = (settings.load or Load(round(share * robot.mass, 2))).payload(robot)
             when = self.load_time(settings, duration) if settings.load_time is None else settings.load_time
+            if when >= duration:
+                raise StaderaError(f"a load at {when:g} s never lands in a run of {duration:g} s")
             events.append(ScriptEvent(when, lambda bed: bed.plant.apply_payload(payload)))
         elif settings.load_time is not None:
             raise StaderaError("a run's load_time needs a load, or a scenario with one of its own, as stand-load")
