@@ -10,6 +10,7 @@ import pytest
 
 from stadera.fleet import read_fleet
 from stadera.fleet import run as runs
+from stadera.fleet.jobs import expanded
 from stadera.identify.schema import with_identified_legs
 from stadera.lab.plant.sensors import STANDARD
 from stadera.logs import write_table
@@ -69,7 +70,22 @@ def test_ctrl_c_keeps_what_is_done(
     monkeypatch.setattr(runs, "process", pressed)
     done = run("fleet", walk, "--robot", "hyq", "--out", tmp_path / "r.parquet", "--workers", "0")
     assert done.code == 1
-    assert "broken off; what is done is in" in done.err
+    assert "broken off before any log was done" in done.err
+    asked = ("fleet", walk, "--robot", "hyq", "--out", tmp_path / "r.parquet", "--workers", "0")
+    monkeypatch.undo()
+    run(*asked, walk.parent / "none.csv")
+    monkeypatch.setattr(runs, "process", pressed)
+    assert "broken off; what is done is in" in run(*asked, "--fix").err
+
+
+def test_a_glob_matches_no_folders_but_bags(run: Callable[..., Any], tmp_path: Path) -> None:
+    (tmp_path / "unit7" / "bag").mkdir(parents=True)
+    (tmp_path / "unit7" / "bag" / "0.mcap").touch()
+    assert expanded(f"{tmp_path}/**/*") == [f"{tmp_path}/unit7/bag", f"{tmp_path}/unit7/bag/0.mcap"]
+    done = run(
+        "fleet", f"{tmp_path}/**/*", "--robot", "hyq", "--names", r"robot(\d+)/", "--out", tmp_path / "r.parquet"
+    )
+    assert r"'robot(\d+)/' finds no robot's name" in done.err
 
 
 @pytest.mark.parametrize(

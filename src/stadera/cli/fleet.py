@@ -151,7 +151,8 @@ def _run(jobs: list[LogJob], out: Path, pool: Pool, memory: Path | None) -> Flee
         with progress() as watch:
             return run_fleet(jobs, out, pool, watch, memory=memory)
     except KeyboardInterrupt:
-        raise StaderaError(f"broken off; what is done is in {out}, and the same command goes on from there") from None
+        kept = f"; what is done is in {out}, and the same command goes on from there" if out.exists() else ""
+        raise StaderaError(f"broken off{kept or ' before any log was done'}") from None
 
 
 def _require_one(table: FleetTable) -> None:

@@ -22,6 +22,7 @@ from typing import Any
 from stadera.boundary import foreign, require_input
 from stadera.errors import MissingExtraError, RecordingError, StaderaError, UnknownNameError
 from stadera.limits import Limits
+from stadera.logs.reader import READERS
 from stadera.logs.topics import AS_RECORDED, LogFile, ReadOptions, Topics
 from stadera.robot import load_robot
 from stadera.robot.model import Robot
@@ -37,7 +38,7 @@ def expanded(pattern: str) -> list[str]:
     """The addresses named by a path, a URL or a glob, sorted; paths are absolute.
 
     A path, URL or example's name without wildcards is returned as it is, whether it exists or not. Globs do not match
-    the ground truth that `simulate` writes next to its logs.
+    folders that are no bags, and the ground truth that `simulate` writes next to its logs.
 
     Raises:
         RecordingError: a glob matches nothing, or a location cannot be listed.
@@ -50,7 +51,8 @@ def expanded(pattern: str) -> list[str]:
         with foreign(pattern, "cannot be fetched"):
             found = [str(system.unstrip_protocol(name)) for name in system.glob(path)]
     else:
-        found = [str(Path(name).absolute()) for name in glob(pattern, recursive=True)]
+        paths = [Path(name).absolute() for name in glob(pattern, recursive=True)]
+        found = [str(path) for path in paths if path.is_file() or any(reader.accepts(path) for reader in READERS)]
     found = sorted(name for name in found if ".truth." not in Path(name).name)
     if not found:
         raise RecordingError(f"{pattern}: matches no log")
@@ -270,11 +272,11 @@ def _named(names: str | None, address: str) -> str | None:
     try:
         expression = re.compile(names)
     except re.error as error:
-        raise StaderaError(f"{names!r} is not a regular expression: {error}") from None
+        raise StaderaError(f"'{names}' is not a regular expression: {error}") from None
     if not expression.groups:
-        raise StaderaError(f"{names!r} has no group in parentheses for the robot's name")
+        raise StaderaError(f"'{names}' has no group in parentheses for the robot's name")
     if (found := expression.search(address)) is None:
-        raise RecordingError(f"{address}: {names!r} finds no robot's name in it")
+        raise RecordingError(f"{address}: '{names}' finds no robot's name in it")
     return found[1]
 
 
