@@ -142,6 +142,10 @@ def test_settings_that_a_scenario_uses_are_taken() -> None:
         assert scenario_named(name).script(robot, settings, 3.0), name
 
 
+def test_help_names_the_default_robot(run: Run) -> None:
+    assert "[default: hyq]" in run("simulate", "--help").out
+
+
 @pytest.mark.parametrize(
     ("arguments", "code", "said"),
     [

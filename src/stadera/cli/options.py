@@ -45,9 +45,7 @@ def refuse(why: str, given: Mapping[str, object]) -> None:
             raise typer.BadParameter(why, param_hint=name)
 
 
-RobotName = Annotated[
-    str, option("R", "A robot's name, or a path to a URDF, xacro or MJCF.", "--robot", show_default=False)
-]
+RobotName = Annotated[str, option("R", "A robot's name, or a path to a URDF, xacro or MJCF.", "--robot")]
 RobotOfLog = Annotated[
     str | None, option("R", "A robot's name, or a path to a URDF, xacro or MJCF [default: as the log says].", "--robot")
 ]

@@ -139,5 +139,5 @@ def test_a_whole_robot_is_the_one_that_is_loaded() -> None:
     again = as_loaded(whole, robot)
     for link in robot.tree.links:
         np.testing.assert_allclose(again.inertias[link].vector, robot.inertias[link].vector, atol=1e-12)
-    with pytest.raises(StaderaError, match="robot g1 is no quadruped: it can stand, "):
+    with pytest.raises(StaderaError, match="robot g1 is no quadruped of three joints a leg: it can stand, "):
         simulate(robot, "trot")

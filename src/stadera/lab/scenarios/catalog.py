@@ -361,7 +361,8 @@ def controlled(scenario: Scenario, robot: Robot, whole: Robot, arms: Arms) -> tu
         on_two = [leg.contact for leg in robot.legs] == [FLAT, FLAT]
         able = {n: on_two if one.stepping else robot.quadruped or one.gait is None for n, one in SCENARIOS.items()}
         can = ", ".join(name for name in SCENARIOS if able[name])
-        raise StaderaError(f"robot {robot.name} is {'a' if robot.quadruped else 'no'} quadruped: it can {can}")
+        kind = "a quadruped" if robot.quadruped else "no quadruped of three joints a leg"
+        raise StaderaError(f"robot {robot.name} is {kind}: it can {can}")
     return (Stepping if scenario.stepping else WholeBody)(whole, arms), None
 
 
