@@ -42,6 +42,18 @@ def test_each_changed_value_is_named(tmp_path: Path, run: Any) -> None:
     assert run("inspect", "hyq", "hyq").code == 0
 
 
+def test_models_of_one_name_are_told_apart_and_a_fixed_link_is_named(tmp_path: Path, run: Any) -> None:
+    robot, path = load_robot("hyq"), tmp_path / "loaded.urdf"
+    body = '<inertial><mass value="2"/><inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial>'
+    fixed = f'<joint name="j" type="fixed"><parent link="{robot.trunk}"/><child link="payload"/></joint></robot>'
+    export_model(robot, path)
+    path.write_text(path.read_text().replace("</robot>", f'<link name="payload">{body}</link>{fixed}'))
+    said = run("inspect", "hyq", path).out
+    assert f"hyq.urdf: {robot.mass:.4f} kg; loaded.urdf: {robot.mass + 2:.4f} kg" in said
+    assert f"note: loaded.urdf: mass, centre and inertia of {robot.trunk} are with what is fixed to it: payload" in said
+    assert "payload" in run("inspect", path).out
+
+
 def test_limits_places_feet_and_imu_are_compared_each_in_its_own_size() -> None:
     robot = load_robot("hyq")
     joint, foot = robot.tree.joints[4], robot.legs[0]

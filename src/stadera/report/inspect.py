@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING
 
 from rich.console import RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from stadera.errors import listed
 from stadera.logs.columns import CHANNELS
 from stadera.report.numbers import number
 from stadera.report.table import SHOWN, Cell, Row, TableData, notes, rich_table
@@ -28,17 +29,37 @@ def robot_contents(robot: Robot) -> Iterator[RenderableType]:
     head = ("link", "mass [kg]", "com x [m]", "com y [m]", "com z [m]", "possible")
     yield rich_table(TableData.of("Links (CAD)", head, rows, sides="lrrrrl"))
     yield rich_table(_joint_table(robot))
-    yield from notes(robot.notes)
+    yield from notes((*robot.notes, *_with_fixed(robot, robot.frames)))
 
 
 def comparison(first: Robot, second: Robot, found: Sequence[Difference]) -> Iterator[RenderableType]:
     """The masses of two models, and each value in which they differ."""
-    yield Text(f"{first.name}: {number(first.mass, 6)} kg; {second.name}: {number(second.mass, 6)} kg", style="bold")
+    names = _apart(first, second)
+    masses = (f"{name}: {number(robot.mass, 6)} kg" for name, robot in zip(names, (first, second), strict=True))
+    yield Text("; ".join(masses), style="bold")
     if not found:
         yield Text("The same in every mass, centre, inertia, place, drive and limit, in feet and IMU.")
         return
     rows = [(d.of, d.value, *("none" if v is None else number(v, 6) for v in (d.first, d.second))) for d in found]
-    yield rich_table(TableData.of("Differences", ("of", "value", first.name, second.name), rows, sides="llrr"))
+    yield rich_table(TableData.of("Differences", ("of", "value", *names), rows, sides="llrr"))
+    for name, robot, other in zip(names, (first, second), (second, first), strict=True):
+        own = [frame for frame in robot.frames if frame not in other.frames]
+        yield from notes(f"{name}: {text}" for text in _with_fixed(robot, own))
+
+
+def _apart(first: Robot, second: Robot) -> tuple[str, str]:
+    """The robots' names, or their files' if they are of one name."""
+    if first.name != second.name or first.source is None or second.source is None:
+        return first.name, second.name
+    files = first.source.name, second.source.name
+    return files if files[0] != files[1] else (str(first.source), str(second.source))
+
+
+def _with_fixed(robot: Robot, frames: Iterable[str]) -> Iterator[str]:
+    """A note on those of these frames that are fixed to the trunk, whose masses are in the trunk's."""
+    fixed = [name for name in frames if robot.frames[name].link == robot.trunk != name]
+    if fixed:
+        yield f"mass, centre and inertia of {robot.trunk} are with what is fixed to it: {listed(fixed, 8)}"
 
 
 def _link_row(robot: Robot, link: str) -> list[str | Cell]:
