@@ -61,12 +61,10 @@ def excite(
         raise typer.BadParameter(why, param_hint="--leg")
     of_leg = {"--duration": duration, "--random": random, "--leg-only": leg_only, "--stand-height": stand_height}
     refuse("needs --leg" if trunk else "needs --trunk", of_leg if trunk else {"--for": player, "--seconds": seconds})
-
     model = ModelOptions(feet).load(robot, limits_of(limit))
-    if trunk:
+    if leg is None:
         _trunk(model, out, player or Player.csv, seconds, rate, seed, files)
         return
-    assert leg is not None
     from stadera.excite.design import ExciteSettings, motion_table
     from stadera.excite.design import excite as design
     from stadera.logs import write_table
