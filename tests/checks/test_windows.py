@@ -83,6 +83,17 @@ def test_a_fault_has_channel_joint_and_time(hyq: Robot, trot: Recording, name: s
     assert any(joint in first.message for joint in hyq.tree.joints)
 
 
+def test_missing_samples_are_left_out_and_change_no_encoder(hyq: Robot, trot: Recording) -> None:
+    """A tenth of a second is lost in the middle, without a gap in the stamps: the joints jump together."""
+    middle, lost = len(trot) // 2, round(0.1 / np.median(np.diff(trot.time)))
+    kept = np.delete(np.arange(len(trot)), np.arange(middle, middle + lost))
+    shorter = replace(take(trot, kept), time=trot.time[: len(kept)])
+    (found,) = window_faults(shorter, hyq)
+    assert "several joints jump at once: samples are missing" in found.message
+    assert not found.lasting
+    assert trot.time[middle - 10] < found.spans[0][0] <= found.spans[-1][1] < trot.time[middle + 10]
+
+
 @pytest.mark.parametrize(
     ("name", "words"),
     [

@@ -81,6 +81,21 @@ def test_a_constant_error_of_the_accelerometer_or_a_slow_turn_is_no_push(oriente
     assert said(gate, measurements)[15:] == [""] * 135
 
 
+def test_the_accelerometers_scale_is_no_push() -> None:
+    """Go2s at rest read 9.5 m/s²; another 0.5 m/s² for a while is a push, and 9 m/s² is no sensor's scale."""
+
+    def at(size: float, start: float = 0.0) -> list[Measurement]:
+        return [replace(m, specific_force=m.specific_force * size / 9.81) for m in at_rest(60, start)]
+
+    gate = StaticDetector(FORCES.robot)
+    assert said(gate, at(9.5))[15:] == [""] * 45
+    assert any("the trunk accelerates" in reason for reason in said(gate, at(10.0, 0.6)[:20]))
+    assert (
+        said(StaticDetector(FORCES.robot), at(9.0))[-1]
+        == "the trunk accelerates: specific force -0.81 m/s² off gravity"
+    )
+
+
 @pytest.mark.parametrize(
     "name", ["joint_position", "joint_velocity", "effort", "angular_velocity", "specific_force", "rotation"]
 )

@@ -4,7 +4,8 @@ Joint by joint, in windows of a second:
 
 - velocity against change of position. Over steps of T = 20 ms, D = Δq / T and M = ∫ q̇ dt / T are equal except for
   noise. Their correlation ρ = Σ DM / √(Σ D² Σ M²) and gain g = Σ DM / Σ D² are 1 wherever the joint moves.
-- jump of the position: a single step of q that is missing in ∫ q̇ dt, and that is not reversed soon after.
+- jump of the position: a single step of q that is missing in ∫ q̇ dt, and that is not reversed soon after. Where three
+  joints or more jump at once, samples are missing, and no encoder's zero is another afterwards.
 - impossible torque: several times the drive's limit, or above it and apart from all others of the joint.
 - clipped torque: a signal that changes with every sample elsewhere but repeats its maximum bit for bit.
 - torque that is only noise: means over 5 and 20 ms are uncorrelated, while those of the other torques are correlated.
@@ -80,6 +81,7 @@ def window_faults(recording: Recording, robot: Robot, limits: WindowLimits | Non
         for k in range(0, len(joints), limits.at_once):
             found += _velocity(recording, joints[k : k + limits.at_once], windows, limits)
         found.sort(key=lambda fault: fault.cause != "position")
+        found = _without_gaps(found, limits, limits.undone * float(np.median(np.diff(recording.time))))
     if recording.effort is not None:
         effort = recording.channel("effort", joints)
         for check in (_beyond, _clipped):
@@ -87,6 +89,17 @@ def window_faults(recording: Recording, robot: Robot, limits: WindowLimits | Non
         tested = resolved & (np.abs(_holding(recording, robot)) > _white(effort, limits))
         found += _noise(effort, robot, windows, limits, tested)
     return tuple(found)
+
+
+def _without_gaps(found: Sequence[Finding], limits: WindowLimits, near: float) -> list[Finding]:
+    """One finding, which does not last, in place of jumps of several joints within a time [s]."""
+    jumps = np.array([fault.spans[0][0] if fault.lasting else np.inf for fault in found])
+    at_once = [np.isfinite(at) and np.count_nonzero(np.abs(jumps - at) <= near) >= limits.together for at in jumps]
+    if not any(at_once):
+        return list(found)
+    spans = tuple((at, at + near) for at in sorted(set(jumps[at_once].tolist())))
+    missing = Finding("position", "positions of several joints jump at once: samples are missing", spans=spans)
+    return [missing, *(fault for fault, gap in zip(found, at_once, strict=True) if not gap)]
 
 
 def _resolved(position: Array, limits: WindowLimits) -> bool:
