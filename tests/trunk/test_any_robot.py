@@ -414,6 +414,8 @@ def test_without_torques_and_motion_of_its_arm_a_load_in_a_hand_is_not_told_from
     assert payload.mass == pytest.approx(2.0, abs=0.01 * robot.mass)
     with pytest.raises(UnknownNameError, match=r"unknown link 'hand'; valid: .*link06"):
         TrunkEstimator(robot, at="hand")
+    with pytest.raises(UnknownNameError, match=r"unknown place of a load 'FL_calf'; valid: trunk, .*link06"):
+        TrunkEstimator(robot, at="FL_calf")
 
 
 def test_a_g1s_log_is_weighed_by_the_command_line_and_live(run, tmp_path: Path) -> None:

@@ -7,6 +7,7 @@ from math import sqrt
 
 import numpy as np
 
+from stadera.errors import UnknownNameError
 from stadera.inertia import parameter_map
 from stadera.robot.limbs import Limbs, Place, place_of
 from stadera.robot.model import Robot
@@ -42,12 +43,15 @@ class Whereabouts:
         probability: (candidates,), of the present load; NaN where nothing tells.
 
     Raises:
-        UnknownNameError: no such link or frame.
+        UnknownNameError: no such link or frame, or one of a leg, on which no load is looked for.
     """
 
     def __init__(self, robot: Robot, at: str | None = None) -> None:
         limbs, extra, n = Limbs.of(robot), robot.extra, len(robot.tree.joints)
         said = Place(robot.trunk, -1, np.eye(3), np.zeros(3)) if at is None else place_of(robot, at)
+        if 0 <= said.body < n:
+            links = extra.links if extra is not None else ()
+            raise UnknownNameError("place of a load", said.name, (robot.trunk, *links), robot.name)
         own = {n + k: place_of(robot, extra.links[k]) for k in limbs.ends} if extra is not None else {}
         if said.body >= 0:
             own[said.body] = said
