@@ -53,7 +53,7 @@ def identified(robot: str, seed: int) -> Iterator[Found]:
         print(f"  {robot}, seed {seed}: {refusal}")
         return
     said = "good" if found.trust.verdict == "good" else "; ".join(found.trust.reasons)
-    print(f"  {robot}, seed {seed}: torques late by {1e3 * found.torque_lag:.1f} ms, {said}", flush=True)
+    print(f"  {robot}, seed {seed}: torques late by {-1e3 * found.torque_lag:.1f} ms, {said}", flush=True)
     model = plant.model
     truth = zip(TERMS, (model.dof_armature, model.dof_damping, model.dof_frictionloss), strict=True)
     places = [*zip(plant.joints, plant.v, strict=True)]
@@ -77,6 +77,9 @@ def main() -> None:
     for term in TERMS:
         for joint in JOINTS:
             own = [one for one in found if (one.term, one.joint) == (term, joint) and one.std]
+            if not own:
+                print(f"{term} of {joint}s: none known")
+                continue
             share = np.array([one.value / one.true - 1.0 for one in own])
             apart = np.array([(one.value - one.true) / one.std for one in own])
             off = (
