@@ -136,7 +136,7 @@ def test_other_settings_reach_the_result(run, log, tmp_path):
     assert set(found["rmse"]) == {"training"}
     assert all(set(joint) == {"viscous"} for joint in found["joints"].values())
     assert any("20 Hz" in note for note in found["notes"])
-    assert "problem: nothing was held out" in finished.out
+    assert "warning: nothing was held out" in finished.out
 
 
 def test_validates_on_another_log(run, log, tmp_path):

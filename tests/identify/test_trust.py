@@ -11,13 +11,15 @@ import numpy as np
 import pytest
 
 import stadera
-from identify.leg_runs import hyq, noisy, run
+from identify.leg_runs import DRIVE, hyq, noisy, run, swing
 from stadera.errors import MissingExtraError, ModelError, StaderaError, UntrustedError
 from stadera.identify.gather import LegScore
 from stadera.identify.result import Identification
 from stadera.identify.schema import with_identified_legs
 from stadera.identify.settings import IdentifySettings, TrustSettings
+from stadera.identify.trust import doubted
 from stadera.inertia import InertialParameters
+from stadera.lab.plant.leg import simulate_leg
 from stadera.logs import Recording, read
 
 RH = IdentifySettings(legs=("RH",))
@@ -84,6 +86,34 @@ def test_a_trunk_that_turns_is_doubtful(clean: Recording) -> None:
     trust = stadera.identify(hyq(), turning, RH).trust
     assert trust.verdict == "doubtful"
     assert "the IMU shows a turning trunk" in trust.reasons[0]
+
+
+def test_a_good_fit_of_legs_not_to_be_used_is_doubtful(result: Identification) -> None:
+    (leg,) = result.legs
+    joint = leg.leg.joints[0]
+    unseen = replace(leg.estimate.observability, singular_values=np.zeros(len(leg.estimate.columns)))
+    unmeasured = replace(leg.estimate, observability=unseen)
+    impossible = replace(leg.estimate, values=-leg.estimate.values)
+    for bad, said in (
+        (replace(leg, worse=("", joint)), "RH: torques that were not fitted are predicted worse"),
+        (replace(leg, estimate=unmeasured), "RH: the log measures nothing"),
+        (replace(leg, estimate=impossible), "RH: the solution is not physically consistent"),
+    ):
+        trust = doubted(result.trust, [bad])
+        assert trust.verdict == "doubtful"
+        assert trust.reasons[0].startswith(said)
+    assert doubted(result.trust, [replace(leg, worse=(joint,))]) == result.trust
+
+
+def test_torques_predicted_worse_than_by_cad_are_doubtful_everywhere() -> None:
+    """A validation log whose hip and knee differ from CAD's as the fitted ones do, but the other way."""
+    cad = replace(hyq(), dynamics=dict.fromkeys(hyq().tree.joints, DRIVE))
+    effort = 2.0 * simulate_leg(cad, "RH", swing().sample(250.0)).effort - run().effort
+    effort[:, 0] = run().effort[:, 0]
+    result = stadera.identify(hyq(), run(), RH, validation=replace(run(), effort=effort, source="other"))
+    assert result.trust.verdict == result.to_dict()["trust"]["verdict"] == "doubtful"
+    assert "predicted worse than by CAD" in result.trust.reasons[0]
+    assert "Trust: doubtful" in result.to_html()
 
 
 @pytest.mark.parametrize("name", ["go2", "aliengo"])

@@ -15,6 +15,7 @@ from stadera.report.figures import Figure
 from stadera.report.identify.page import error_figure, plotted_traces, torque_figure
 from stadera.report.identify.tables import link_tables, remarks
 from stadera.report.numbers import number
+from stadera.trust import Trust
 
 _VOID = {"meta", "br", "hr", "img", "link", "input"}
 
@@ -153,11 +154,19 @@ def test_every_figure_has_axes_with_units(result):
 
 
 def test_bad_news_comes_first(result):
+    bad = replace(result, trust=Trust("bad", 40.0, {"RH": 40.0}, ("the torque of 'rh_kfe_joint' is reversed",)))
+    page = _Page(bad.to_html())
+    assert page.text.index("Do not use these numbers") < page.text.index("the torque of 'rh_kfe_joint' is reversed")
+    assert page.text.rindex("is reversed") < page.text.index("identified, all") < page.text.index("2 % of the")
+
+
+def test_a_fit_without_validation_is_said_and_not_condemned(result):
     (leg,) = result.legs
     unvalidated = replace(result, legs=(replace(leg, rmse={"training": leg.rmse["training"]}),), validated_on=None)
     page = _Page(unvalidated.to_html())
-    assert page.text.index("Do not use these numbers") < page.text.index("nothing was held out")
-    assert page.text.index("nothing was held out") < page.text.index("identified, all") < page.text.index("2 % of the")
+    assert "nothing was held out" in page.text
+    assert f"Trust: {result.trust.verdict}" in page.text
+    assert "Do not use" not in page.text
 
 
 def test_traces_whose_times_overlap_are_not_drawn_over_each_other(result):

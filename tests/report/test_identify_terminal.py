@@ -11,7 +11,6 @@ from rich.console import Console
 from stadera.identify.varying import VARYING_UNITS
 from stadera.report.identify.tables import (
     identification_tables,
-    is_alarming,
     link_table,
     overall_rmse,
     remarks,
@@ -63,13 +62,6 @@ def test_remarks_are_said_once_and_the_worst_first(result):
     assert sum("rotor inertia" in text for text in texts) == 1
     assert next(text for text in texts if "rotor inertia" in text).startswith("RH, LH: ")
     assert [remark.level for remark in remarks(both)] == ["warning", "warning", "note"]
-    assert not is_alarming(both)
-
-
-def test_worse_than_cad_beyond_chance_is_alarming(result):
-    leg = result.legs[0]
-    assert is_alarming(replace(result, legs=(replace(leg, worse=("", leg.leg.joints[0])),)))
-    assert not is_alarming(replace(result, legs=(replace(leg, worse=(leg.leg.joints[0],)),)))
 
 
 def test_trust_is_the_last_word(result):
@@ -85,4 +77,3 @@ def test_every_figure_of_a_bad_result_is_marked(result):
     rows = [line for line in printed.splitlines() if any(mark in line for mark in "●◐○") and "observable  " not in line]
     assert len(rows) > 10
     assert all(line.count("✗") == sum(line.count(mark) for mark in "●◐○") for line in rows)
-    assert is_alarming(bad)

@@ -22,7 +22,7 @@ from stadera.identify.observability import Observability, observability
 from stadera.identify.result import Identification, LegIdentification
 from stadera.identify.settings import IdentifySettings
 from stadera.identify.solutions import Estimate, solve_legs, with_scale
-from stadera.identify.trust import leg_warnings, log_warnings, trust_in
+from stadera.identify.trust import doubted, leg_warnings, log_warnings, trust_in
 from stadera.information import Information
 from stadera.logs.reader import Log, as_logs
 from stadera.logs.recording import Recording
@@ -135,6 +135,7 @@ def _completed(
     return replace(
         result,
         source=", ".join(dict.fromkeys(log.source for log in logs)),
+        trust=doubted(result.trust, result.legs),
         notes=(*result.notes, *(f"{log.source}: {how}" for log in floats), *of_memory),
         warnings=(*result.warnings, *(agreement.differs if agreement else ())),
         # the trunk of the log that tells most of its mass
@@ -189,7 +190,7 @@ def _identified(
     legs, samples = _scored_legs(job, gathered, estimates, training, held_back)
     alike = "each joint's rotor inertia and friction draw on the other legs', as far as the log shows drives alike"
     pooled = [alike] * (job.settings.spread is not None and len(job.tasks) > 1)
-    doubts = (*job.doubts, *log_warnings(job.vertical, legs, samples, job.settings.trust))
+    doubts = (*job.doubts, *log_warnings(job.vertical, samples, job.settings.trust))
     result = Identification(
         robot=job.robot,
         source="",
@@ -329,8 +330,8 @@ def _solve(
 def _leg_result(
     job: Job, task: LegTask, data: Gathered, estimate: Estimate, scores: Mapping[str, LegScore]
 ) -> LegIdentification:
-    part = scores.get("validation", scores["training"])
-    evaluated = part.excess() if part.samples else {}
+    held_out = scores.get("validation")
+    evaluated = held_out.excess() if held_out is not None and held_out.samples else {}
     result = LegIdentification(
         leg=task.leg,
         model=task.nominal,

@@ -150,16 +150,30 @@ def leg_warnings(result: LegIdentification, scores: Mapping[str, LegScore], limi
     return replace(result, warnings=warnings)
 
 
-def log_warnings(
-    vertical: TrunkUp, legs: tuple[LegIdentification, ...], samples: int, limits: TrustSettings
-) -> tuple[str, ...]:
+def doubted(trust: Trust, legs: Sequence[LegIdentification]) -> Trust:
+    """Trust in a fit that is at most doubtful if legs are impossible, not measured, or predict worse than CAD."""
+    doubts = {
+        "the solution is not physically consistent: do not hand it to a controller or a simulator": [
+            leg for leg in legs if not leg.estimate.is_physical
+        ],
+        "the log measures nothing: every value is the model's own": [
+            leg for leg in legs if leg.estimate.observability.rank == 0
+        ],
+        "torques that were not fitted are predicted worse than by CAD with fitted friction, by more than chance": [
+            leg for leg in legs if "" in leg.worse
+        ],
+    }
+    for doubt, which in doubts.items():
+        if which:
+            trust = trust.at_most("doubtful", f"{', '.join(leg.leg.name for leg in which)}: {doubt}")
+    return trust
+
+
+def log_warnings(vertical: TrunkUp, samples: int, limits: TrustSettings) -> tuple[str, ...]:
     """Warnings that concern the whole log."""
     turning = "the IMU shows a turning trunk: the trunk is assumed to be held, the results are not to be trusted"
     warnings = {
         turning: vertical.turning >= limits.turning,
-        "the motion excites nothing: every value is the model's own": all(
-            leg.estimate.observability.rank == 0 for leg in legs
-        ),
         f"only {samples} moving samples": samples < limits.fewest,
     }
     return tuple(sentence for sentence, applies in warnings.items() if applies)
@@ -181,8 +195,6 @@ def _joint_terms(result: LegIdentification) -> Iterator[str]:
                     f"{joint}: without the physical constraint {word} would come out negative "
                     f"({value:.3g} {found.unit}); look for a torque lag or an unmodelled effect"
                 )
-    if not result.estimate.is_physical:
-        yield "the solution is not physically consistent: do not hand it to a controller or a simulator"
 
 
 def _data(result: LegIdentification, score: LegScore, limits: TrustSettings) -> Iterator[str]:

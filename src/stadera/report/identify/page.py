@@ -11,12 +11,10 @@ from stadera.report.identify.tables import (
     HEADLINES,
     MODEL_NAMES,
     answer,
-    badge,
     combination_table,
     drives_table,
     evaluated_part,
     has_errors,
-    is_alarming,
     is_untested,
     leg_table,
     level,
@@ -32,7 +30,7 @@ from stadera.report.look import ROLES
 from stadera.report.numbers import compared, number
 from stadera.report.page import render
 from stadera.report.table import TableData
-from stadera.report.trust import marked, trust_reasons
+from stadera.report.trust import LEVELS, marked, trust_reasons
 from stadera.trust import Trust
 from stadera.types import Array
 
@@ -67,7 +65,7 @@ def next_steps(result: Identification, enough: float = 0.6) -> Iterator[str]:
             f"Play a richer motion: {poor.leg.name} showed {rank} of {poor.structural_rank} directions. "
             f"`stadera excite --robot {robot} --leg {poor.leg.name} --out motion.csv` designs one."
         )
-    if not is_alarming(result):
+    if result.is_physical and not any("" in leg.worse for leg in result.legs):
         yield (
             f"Weigh with these legs: `stadera identify LOG --robot {robot} --json legs.json`, then, for "
             f"a walk that was not fitted here, `stadera weigh WALK --robot {robot} --legs legs.json`."
@@ -77,14 +75,14 @@ def next_steps(result: Identification, enough: float = 0.6) -> Iterator[str]:
 
 def html(result: Identification) -> str:
     """The complete, self-contained page."""
-    part, (how, word), said = evaluated_part(result), badge(result), remarks(result)
+    part, said = evaluated_part(result), remarks(result)
     drives = drives_table(result)
     return render(
         "identify.html.j2",
         title=f"Leg identification: {result.robot.name}",
         headline=answer(result),
-        level=how,
-        word=word,
+        level=LEVELS[result.trust.verdict],
+        word=f"Trust: {result.trust.verdict}",
         why=f"{trust_reasons(result.trust)} {HEADLINES[level(result)]}.",
         next=tuple(next_steps(result)),
         problems=[remark for remark in said if remark.level == "bad"],

@@ -86,18 +86,10 @@ def answer(result: Identification) -> str:
     return f"{said}."
 
 
-def badge(result: Identification) -> tuple[Level, str]:
-    """Trust in a word, and its level; a result that should not be used is marked as bad in any case."""
-    verdict = result.trust.verdict
-    if verdict != "bad" and is_alarming(result):
-        return "bad", "Do not use as it is"
-    return LEVELS[verdict], f"Trust: {verdict}"
-
-
 def level(result: Identification) -> Level:
     """Level of the whole result: that of its worst remark."""
     found = remarks(result)
-    return "bad" if is_alarming(result) else found[0].level if found else "note"
+    return found[0].level if found else "note"
 
 
 def remarks(result: Identification) -> tuple[Remark, ...]:
@@ -105,7 +97,7 @@ def remarks(result: Identification) -> tuple[Remark, ...]:
     found = [Remark(LEVELS[result.trust.verdict], reason) for reason in result.trust.reasons]
     if is_untested(result):
         untested = "nothing was held out: the errors shown are on the training data and say little of the model"
-        found.append(Remark("bad", untested))
+        found.append(Remark("warning", untested))
     found += [Remark("note", text) for text in _on_masses(result)]
     found += [Remark("warning", text) for text in (*result.warnings, *_on_legs(result))]
     return tuple(sorted(dict.fromkeys(found), key=lambda remark: list(HEADLINES).index(remark.level)))
@@ -132,14 +124,6 @@ def _ranged(sentences: Sequence[str]) -> str:
     spans = ((min(found, key=float), max(found, key=float)) for found in numbers)
     texts = iter([low if low == high else f"{low} to {high}" for low, high in spans])
     return _NUMBER.sub(lambda _: next(texts), sentences[0])
-
-
-def is_alarming(result: Identification) -> bool:
-    """True if the numbers should not be used: a bad fit, not physical, not validated, nothing measured, or a leg whose
-    torques CAD with friction predicts better by more than chance.
-    """
-    poor = is_untested(result) or result.trust.verdict == "bad" or not result.is_physical
-    return poor or any(leg.estimate.observability.rank == 0 or "" in leg.worse for leg in result.legs)
 
 
 def _on_masses(result: Identification) -> Iterator[str]:
