@@ -110,13 +110,19 @@ def test_tables_on_stdout_and_silence_on_stderr(run, log):
     assert "\x1b" not in finished.out
 
 
-def test_other_settings_reach_the_result(run, log, tmp_path):
+@pytest.fixture(scope="module")
+def other(swing: Recording, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Another log of the leg."""
+    return write_table(take(swing, slice(800, None)), tmp_path_factory.mktemp("other") / "other.csv")
+
+
+def test_other_settings_reach_the_result(run, log, other, tmp_path):
     path = tmp_path / "o.json"
     settings = ["--split", "none", "--method", "null-space", "--friction", "viscous", "--torque-lag", "0.002"]
     finished = run(
         "identify",
         log,
-        log,
+        other,
         "--robot",
         "hyq",
         "--legs",
@@ -139,11 +145,24 @@ def test_other_settings_reach_the_result(run, log, tmp_path):
     assert "warning: nothing was held out" in finished.out
 
 
-def test_validates_on_another_log(run, log, tmp_path):
+def test_validates_on_another_log(run, log, other, tmp_path):
     path = tmp_path / "o.json"
-    finished = run("identify", log, "--robot", "hyq", "--legs", "RH", "--validate", log, "--json", path)
+    finished = run("identify", log, "--robot", "hyq", "--legs", "RH", "--validate", other, "--json", path)
     assert finished.code == 0
-    assert json.loads(path.read_text())["validated_on"] == str(log)
+    found = json.loads(path.read_text())
+    assert found["validated_on"] == str(other)
+    assert found["agreement"]["parts"] == ["the first half", "the second half"], "of what was fitted"
+
+
+def test_the_same_log_twice_is_refused(run, log, swing, tmp_path):
+    copy = write_table(swing, tmp_path / "copy.csv")
+    for logs, said in (
+        ([log, log], f"stadera: error: {log}: given twice; give each log once\n"),
+        ([log, "--validate", copy], f"stadera: error: {copy}: holds the same samples as {log}; give each log once\n"),
+    ):
+        finished = run("identify", *logs, "--robot", "hyq", "--legs", "RH")
+        assert finished.code
+        assert finished.err == said
 
 
 def _drop_effort(table: dict[str, list[str]]) -> None:

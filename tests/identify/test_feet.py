@@ -35,6 +35,14 @@ def test_a_robot_on_its_feet_without_imu_is_refused(scenario: str) -> None:
         identify(hyq(), log, IdentifySettings(legs=("RH",)))
 
 
+def test_torques_of_a_robot_on_its_feet_validate_nothing() -> None:
+    settings, stand = IdentifySettings(legs=("RH",)), on_its_feet("stand")
+    with pytest.raises(RecordingError, match=r"weight \(RH \d+ %\): legs are validated while they swing freely"):
+        identify(hyq(), run(), settings, validation=stand)
+    with pytest.raises(RecordingError, match="only torques of legs in the air are validated, and no log with such"):
+        identify(hyq(), stand, settings, validation=run())
+
+
 def test_what_feet_carry_is_the_weight() -> None:
     shares = carried_shares(on_its_feet("stand"), hyq(), UP)
     assert set(shares) == {"LF", "RF", "LH", "RH"}

@@ -196,6 +196,14 @@ def test_two_logs_are_merged() -> None:
     assert identify(hyq(), [first, second], settings).source == "exact1, exact2"
 
 
+def test_the_same_samples_twice_are_refused() -> None:
+    """Also with other stamps, in single precision."""
+    one = exact_run()
+    again = replace(one, time=one.time + 50.0, effort=one.effort.astype(np.float32).astype(float), source="copy")
+    with pytest.raises(RecordingError, match="copy: holds the same samples as exact0; give each log once"):
+        identify(hyq(), [one, exact_run(seed=4), again], EXACT)
+
+
 def test_validation_on_another_log() -> None:
     result = identify(hyq(), [exact_run()], EXACT, validation=[exact_run(seed=4)])
     assert result.validated_on == "exact4"

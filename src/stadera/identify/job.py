@@ -184,7 +184,7 @@ def prepare(robot: Robot, logs: Sequence[Log], settings: IdentifySettings, progr
     beginnings = [head(log, joints_of(robot, wanted)) for log in logs]
     for beginning in beginnings:
         _check_torques(beginning, robot, wanted)
-        _check_feet(beginning, robot, wanted, settings)
+        check_feet(beginning, robot, wanted, settings)
     legs = (*wanted, *_supporting(robot, logs, wanted, settings))
     if len(legs) > len(wanted):
         beginnings = [head(log, joints_of(robot, legs)) for log in logs]
@@ -257,7 +257,13 @@ def _check_torques(beginning: Recording, robot: Robot, legs: Sequence[str]) -> N
             raise RecordingError(f"{beginning.source}: {what}: no torque was recorded")
 
 
-def _check_feet(beginning: Recording, robot: Robot, legs: Sequence[str], settings: IdentifySettings) -> None:
+def check_feet(
+    beginning: Recording,
+    robot: Robot,
+    legs: Sequence[str],
+    settings: IdentifySettings,
+    what: str = "without an IMU, legs are identified",
+) -> None:
     """Raises if a foot carries load, or if no leg of this robot in the air would have such torques."""
     shares = carried_shares(beginning, robot, settings.up)
     carrying = {name: shares[name] for name in legs if shares[name] > settings.most_carried}
@@ -266,8 +272,8 @@ def _check_feet(beginning: Recording, robot: Robot, legs: Sequence[str], setting
         free = [name for name, share in shares.items() if share <= settings.most_carried]
         others = f"; those in the air are identified by --legs {','.join(free)}" if free else ""
         raise RecordingError(
-            f"{beginning.source}: feet carry a share of the robot's weight ({feet}): without an IMU, legs are "
-            f"identified while they swing freely and the trunk is held{others}"
+            f"{beginning.source}: feet carry a share of the robot's weight ({feet}): {what} while they "
+            f"swing freely and the trunk is held{others}"
         )
 
 

@@ -13,11 +13,12 @@ import numpy as np
 
 from stadera.body import JointMotion, TrunkMotion
 from stadera.checks import Guard
+from stadera.errors import RecordingError
 from stadera.identify.agreement import Agreement
 from stadera.identify.floating import FloatingLog, KnownLegs, floating_log, remembered
 from stadera.identify.gather import Gathered, LegScore, gather, information_of, with_varying_friction
-from stadera.identify.job import Job, LegTask, joints_of, parts_of, prepare, stands, wanted_legs
-from stadera.identify.log import Part, Section, time_span
+from stadera.identify.job import Job, LegTask, check_feet, joints_of, parts_of, prepare, stands, wanted_legs
+from stadera.identify.log import Part, Section, head, require_distinct, time_span
 from stadera.identify.observability import Observability, observability
 from stadera.identify.result import Identification, LegIdentification
 from stadera.identify.settings import IdentifySettings
@@ -64,7 +65,8 @@ def identify(
 
     Raises:
         IdentificationError: the memory is of another robot or another model.
-        RecordingError: there are no logs, or they lack a joint or its torque, are too short, or feet carry load.
+        RecordingError: there are no logs, or one is given twice, lacks a joint or its torque, or is too short; or feet
+            carry load, without an IMU or for validation.
         UnknownNameError: no such robot, leg or joint.
         ModelError: the model file cannot be read.
         UntrustedError: units or signs of a log are wrong, and `force` is false.
@@ -76,10 +78,16 @@ def identify(
     admitted = partial(guard.admitted, fix=fix, force=force)
     fitted = tuple(map(admitted, as_logs(logs)))
     evaluated = None if validation is None else tuple(map(admitted, as_logs(validation)))
+    require_distinct((*fitted, *(evaluated or ())), guard.joints)
+    for log in evaluated or ():
+        check_feet(head(log, guard.joints), model, wanted, asked, "legs are validated")
     on_feet = tuple(log for log in fitted if stands(log, model, wanted, asked))
     forced = tuple(str(finding) for log in fitted for finding in guard.units(log)) if force else ()
     in_air = tuple(log for log in fitted if log not in on_feet)
     if not in_air:
+        if evaluated:
+            what = "only torques of legs in the air are validated, and no log with such is fitted"
+            raise RecordingError(f"{evaluated[0].source}: {what}")
         return _from_feet(model, on_feet, wanted, asked, watch, forced, memory)
     job = prepare(model, in_air, asked, watch)
     return _identified(replace(job, doubts=(*forced, *job.doubts)), in_air, on_feet, evaluated, memory)
@@ -185,7 +193,8 @@ def _identified(
         kept, said = remembered(job.robot, memory, days_of(time_span(fitted[0], job.joints)[0]), known)
     recalled = None if kept is None else _recalled(job.robot, memory)
     floats = [floating_log(job.robot, log, job.progress, job.settings.width.mass) for log in on_feet]
-    agreement = _agreed(job, fitted, (training, held_back), gathered, floats)
+    compared = (training, None if evaluated else held_back)  # what only validates widens no bar
+    agreement = _agreed(job, fitted, compared, gathered, floats)
     estimates = [_widened(found, agreement) for found in _solve(job, gathered, floats, recalled)]
     legs, samples = _scored_legs(job, gathered, estimates, training, held_back)
     alike = "each joint's rotor inertia and friction draw on the other legs', as far as the log shows drives alike"
@@ -245,7 +254,7 @@ def _compared_parts(
     """Parts to compare: each log, or the beginning and the rest of a single one."""
     rest = () if held_back is None else held_back.stretches
     held = () if held_back is None else (held_back,)
-    if len(training.stretches) > 1 or len(rest) > 1 or (rest and rest[0].log is not training.stretches[0].log):
+    if len(training.stretches) > 1:
         stretches: dict[int, list[Section]] = {}
         for stretch in (*training.stretches, *rest):
             stretches.setdefault(id(stretch.log), []).append(stretch)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
+from zlib import crc32
 
 import numpy as np
 
@@ -64,6 +65,19 @@ def has_effort(log: Log, joints: Sequence[str]) -> bool:
         return next(stream(log, joints=joints, require=("effort",), rows=2), None) is not None
     except RecordingError:
         return False
+
+
+def require_distinct(logs: Sequence[Log], joints: Sequence[str]) -> None:
+    """Raises RecordingError if a log is given twice: its samples would count twice, or validate themselves."""
+    seen: dict[int, str] = {}
+    for log in logs:
+        beginning = head(log, joints)
+        samples = np.hstack([beginning.position, beginning.channel("effort", tuple(joints))])
+        checksum = crc32(samples.astype(np.float32).tobytes())  # files of another format may have single precision
+        if (other := seen.get(checksum)) is not None:
+            again = "given twice" if other == log.source else f"holds the same samples as {other}"
+            raise RecordingError(f"{log.source}: {again}; give each log once")
+        seen[checksum] = log.source
 
 
 def time_span(log: Log, joints: Sequence[str]) -> tuple[float, float]:
