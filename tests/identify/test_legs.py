@@ -11,7 +11,14 @@ from scipy.interpolate import CubicSpline
 
 from identify.leg_runs import DRIVE, SMOOTH, cut, exact_run, hyq, noisy, other_hyq, parameters_of, run, swing
 from stadera.body import FrictionModel, JointMotion, JointTorqueRegressor, TrunkMotion
-from stadera.errors import IdentificationError, MissingExtraError, RecordingError, StaderaError, UnknownNameError
+from stadera.errors import (
+    IdentificationError,
+    MissingExtraError,
+    RecordingError,
+    StaderaError,
+    UnknownNameError,
+    UntrustedError,
+)
 from stadera.identify import log as log_module
 from stadera.identify.job import parts_of, prepare
 from stadera.identify.legs import identify
@@ -269,6 +276,14 @@ def at_rest(seconds: float = 10.0) -> Recording:
     return Recording(
         time, hyq().leg("RH").joints, np.tile([0.0, -0.6, 1.2], (n, 1)), effort=np.tile([1.0, 2.0, 3.0], (n, 1))
     )
+
+
+def test_motors_that_are_off_are_refused() -> None:
+    """Unless forced."""
+    off = replace(at_rest(), effort=0.01 * at_rest().effort)
+    with pytest.raises(UntrustedError, match=r"no joint moves, and the motors seem to be off: .* up to 0.03"):
+        identify(hyq(), off, RH)
+    identify(hyq(), off, RH, force=True)
 
 
 @pytest.mark.parametrize("method", ["consistent", "null-space"])

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from stadera.body import Motion
 from stadera.checks.finding import Finding
+from stadera.checks.limits import CheckLimits
 from stadera.checks.residual import Footing, body_of, unit
 from stadera.constants import GRAVITY
 from stadera.robot.model import Robot
@@ -165,11 +166,20 @@ def _outlier(footing: Footing, force: float, plane: float, apart: float, loaded:
     return "; check the joints' names, the torques' signs and units, and the IMU's frame"
 
 
-def limp(footing: Footing) -> bool:
-    """True if the torques do not even carry the legs, of a robot in any state: as of motors that are off."""
+def limp(footing: Footing) -> str:
+    """See `motors_off`."""
     joints = footing.body.in_legs
-    own, given = footing.state.torque[:, joints], footing.blocks.effort[:, joints]
-    return bool((given**2).sum() < footing.limits.limp**2 * (own**2).sum())
+    return motors_off(footing.blocks.effort[:, joints], footing.state.torque[:, joints], footing.limits)
+
+
+def motors_off(effort: Array, own: Array, limits: CheckLimits) -> str:
+    """What to say of torques that do not even carry the legs, of a robot in any state; empty if they do. Both
+    (instants, joints) [N·m], `own` those that carry them.
+    """
+    if (effort**2).sum() >= limits.limp**2 * (own**2).sum():
+        return ""
+    largest = f"up to {float(np.abs(effort.mean(axis=0)).max()):.2g} N·m in the mean"
+    return f"the motors seem to be off: their torques, {largest}, do not even carry the legs"
 
 
 def hanging(footing: Footing, now: Consistency) -> Finding:
@@ -195,10 +205,7 @@ def hanging(footing: Footing, now: Consistency) -> Finding:
         f"the feet carry {now.weighs:.2g} kg of {robot.mass:.3g} kg: the robot is not on its feet but in the "
         "air, which is a log for `stadera identify`"
     )
-    if limp(footing):
-        largest = f"up to {float(np.abs(effort.mean(axis=0)).max()):.2g} N·m in the mean"
-        text = f"the motors seem to be off: their torques, {largest}, do not even carry the legs"
-    return Finding("not_on_feet", text)
+    return Finding("not_on_feet", limp(footing) or text)
 
 
 def _size(robot: Robot) -> float:

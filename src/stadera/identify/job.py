@@ -8,9 +8,11 @@ from functools import cached_property, partial
 
 import numpy as np
 
-from stadera.body import Body, FrictionModel, JointMotion, JointTorqueRegressor, Motion, Rows, TrunkMotion
+from stadera.body import Body, FrictionModel, JointMotion, JointTorqueRegressor, Motion, Rows, State, TrunkMotion
+from stadera.checks import CheckLimits
+from stadera.checks.statics import motors_off
 from stadera.constants import GRAVITY, SINGULAR
-from stadera.errors import RecordingError
+from stadera.errors import RecordingError, UntrustedError
 from stadera.identify.lag import estimate_lag
 from stadera.identify.log import Log, Part, Section, has_effort, head, time_span
 from stadera.identify.prior import Prior, PriorWidth, robot_prior
@@ -55,11 +57,27 @@ def carried_shares(
     """Mean upward force on each foot of a recorded leg as a share of the robot's weight, of postures in which the leg
     is not near-singular; the vertical as of `vertical_of`. A log of more than `samples` is thinned out.
     """
+    body, state, effort, vertical = _at_rest(recording, robot, up, samples)
+    with np.errstate(invalid="ignore"):  # of legs so stretched that they feel nothing, left out below
+        contacts = body.contacts(state, (state.torque - effort)[:, body.in_legs])
+        force = contacts[..., :3] @ vertical / (robot.mass * GRAVITY)
+    felt = np.abs(state.volume) > SINGULAR * robot.leg_length**3
+    loads = np.where(felt, force, 0.0).sum(axis=0) / np.maximum(felt.sum(axis=0), 1)
+    return {leg.name: float(loads[k]) for k, leg in enumerate(robot.legs) if set(leg.joints) <= set(recording.joints)}
+
+
+def _at_rest(
+    recording: Recording, robot: Robot, up: tuple[float, float, float] | None, samples: int = 4000
+) -> tuple[Body, State, Array, Array]:
+    """The robot, its state if it were at rest in each posture, efforts (samples, joints), and the vertical; legs that
+    are not recorded are at zero.
+    """
     body, joints = Body.of(robot, others=False), robot.tree.joints
     thin = slice(None, None, -(-len(recording) // samples))
     position, effort = np.zeros((2, len(recording.time[thin]), len(joints)))
-    recorded = [leg for leg in robot.legs if set(leg.joints) <= set(recording.joints)]
-    for leg in recorded:
+    for leg in robot.legs:
+        if not set(leg.joints) <= set(recording.joints):
+            continue
         columns = [joints.index(joint) for joint in leg.joints]
         position[:, columns], effort[:, columns] = (
             recording.channel(name, leg.joints)[thin] for name in ("position", "effort")
@@ -68,12 +86,7 @@ def carried_shares(
     vertical = vertical / np.linalg.norm(vertical)
     still, rest = np.zeros_like(position), np.zeros((len(position), 3))
     state = body.at(Motion(position, still, still, rest, rest, rest + GRAVITY * vertical, vertical))
-    with np.errstate(invalid="ignore"):  # of legs so stretched that they feel nothing, left out below
-        contacts = body.contacts(state, (state.torque - effort)[:, body.in_legs])
-        force = contacts[..., :3] @ vertical / (robot.mass * GRAVITY)
-    felt = np.abs(state.volume) > SINGULAR * robot.leg_length**3
-    loads = np.where(felt, force, 0.0).sum(axis=0) / np.maximum(felt.sum(axis=0), 1)
-    return {leg.name: float(loads[robot.legs.index(leg)]) for leg in recorded}
+    return body, state, effort, vertical
 
 
 @dataclass(frozen=True, eq=False)
@@ -255,6 +268,17 @@ def _check_torques(beginning: Recording, robot: Robot, legs: Sequence[str]) -> N
         if moves and not beginning.channel("effort", joints).any():
             what = f"the efforts of leg {name} ({', '.join(joints)}) are all zero"
             raise RecordingError(f"{beginning.source}: {what}: no torque was recorded")
+
+
+def check_motors(beginning: Recording, robot: Robot, legs: Sequence[str], settings: IdentifySettings) -> None:
+    """Raises UntrustedError if no joint moves and the torques do not even carry the legs."""
+    joints = joints_of(robot, legs)
+    if np.ptp(beginning.channel("position", joints), axis=0).max() >= settings.signals.travel:
+        return
+    _, state, effort, _ = _at_rest(beginning, robot, settings.up)
+    at = [robot.tree.joints.index(joint) for joint in joints]
+    if off := motors_off(effort[:, at], state.torque[:, at], CheckLimits()):
+        raise UntrustedError(f"{beginning.source}: no joint moves, and {off}")
 
 
 def check_feet(

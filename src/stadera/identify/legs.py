@@ -17,7 +17,17 @@ from stadera.errors import RecordingError
 from stadera.identify.agreement import Agreement
 from stadera.identify.floating import FloatingLog, KnownLegs, floating_log, remembered
 from stadera.identify.gather import Gathered, LegScore, gather, information_of, with_varying_friction
-from stadera.identify.job import Job, LegTask, check_feet, joints_of, parts_of, prepare, stands, wanted_legs
+from stadera.identify.job import (
+    Job,
+    LegTask,
+    check_feet,
+    check_motors,
+    joints_of,
+    parts_of,
+    prepare,
+    stands,
+    wanted_legs,
+)
 from stadera.identify.log import Part, Section, head, require_distinct, time_span
 from stadera.identify.observability import Observability, observability
 from stadera.identify.result import Identification, LegIdentification
@@ -69,7 +79,7 @@ def identify(
             carry load, without an IMU or for validation.
         UnknownNameError: no such robot, leg or joint.
         ModelError: the model file cannot be read.
-        UntrustedError: units or signs of a log are wrong, and `force` is false.
+        UntrustedError: units or signs of a log are wrong, or its motors are off, and `force` is false.
     """
     model = load_robot(robot)
     asked, watch = settings or IdentifySettings(), progress or (lambda *_: None)
@@ -89,6 +99,8 @@ def identify(
             what = "only torques of legs in the air are validated, and no log with such is fitted"
             raise RecordingError(f"{evaluated[0].source}: {what}")
         return _from_feet(model, on_feet, wanted, asked, watch, forced, memory)
+    for log in () if force else in_air:
+        check_motors(head(log, guard.joints), model, wanted, asked)
     job = prepare(model, in_air, asked, watch)
     return _identified(replace(job, doubts=(*forced, *job.doubts)), in_air, on_feet, evaluated, memory)
 
