@@ -203,6 +203,11 @@ def test_two_logs_are_merged() -> None:
     assert identify(hyq(), [first, second], settings).source == "exact1, exact2"
 
 
+def test_a_log_in_place_of_the_settings_is_refused() -> None:
+    with pytest.raises(IdentificationError, match=r"got Recording of 'exact4'.*; several logs go in a list: \[a, b\]"):
+        identify(hyq(), exact_run(), exact_run(seed=4))  # type: ignore[arg-type]
+
+
 def test_the_same_samples_twice_are_refused() -> None:
     """Also with other stamps, in single precision."""
     one = exact_run()

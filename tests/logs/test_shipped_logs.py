@@ -18,6 +18,7 @@ def test_examples_have_licence_source_and_all_joints(name: str) -> None:
     assert log.effort is not None
     assert log.velocity is not None
     assert log.joints == read(LogFile.of(name), joints=log.joints).joints
+    assert LogFile(name) == LogFile.of(name)  # type: ignore[arg-type]
     assert example(name).stat().st_size < 600_000
     words = (example(name).parent / "README.md").read_text()
     licence = next(line for line in words.splitlines() if f"`{name}`" in line and line.startswith("|"))

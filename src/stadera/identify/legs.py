@@ -13,7 +13,7 @@ import numpy as np
 
 from stadera.body import JointMotion, TrunkMotion
 from stadera.checks import Guard
-from stadera.errors import RecordingError
+from stadera.errors import IdentificationError, RecordingError
 from stadera.identify.agreement import Agreement
 from stadera.identify.floating import FloatingLog, KnownLegs, floating_log, remembered
 from stadera.identify.gather import Gathered, LegScore, gather, information_of, with_varying_friction
@@ -74,13 +74,15 @@ def identify(
             logs too.
 
     Raises:
-        IdentificationError: the memory is of another robot or another model.
+        IdentificationError: the memory is of another robot or another model, or `settings` are none.
         RecordingError: there are no logs, or one is given twice, lacks a joint or its torque, or is too short; or feet
             carry load, without an IMU or for validation.
         UnknownNameError: no such robot, leg or joint.
         ModelError: the model file cannot be read.
         UntrustedError: units or signs of a log are wrong, or its motors are off, and `force` is false.
     """
+    if not isinstance(settings, IdentifySettings | None):
+        raise IdentificationError(f"settings are IdentifySettings, got {settings!r}; several logs go in a list: [a, b]")
     model = load_robot(robot)
     asked, watch = settings or IdentifySettings(), progress or (lambda *_: None)
     wanted, memory = wanted_legs(model, asked), None if memory is None else memory.check(model)

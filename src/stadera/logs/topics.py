@@ -161,6 +161,7 @@ class LogFile(PathLike[str]):
     reading: ReadOptions = AS_RECORDED
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "path", Path(self.path))
         if str(self.path) in EXAMPLES and not self.path.exists():
             object.__setattr__(self, "path", example(str(self.path)))
 
