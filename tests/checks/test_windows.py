@@ -65,8 +65,8 @@ def test_nothing_is_found_in_a_clean_log(hyq: Robot, trot: Recording, shake: Rec
 @pytest.mark.parametrize(
     ("name", "channel", "words"),
     [
-        ("velocities' sign", "velocity", "is not the change of its position"),
-        ("velocities x2", "velocity", "times the change of its position"),
+        ("velocities' sign", "velocity", " and 5 more are not the change of position, from 0.00"),
+        ("velocities x2", "velocity", "times the change of position"),
         ("one velocity zero", "velocity", "is not the change"),
         ("one encoder jumps by 5°", "position", "jumps by"),
         ("five samples of 1e4 N·m", "effort", "1e+04 N·m in 5 samples"),
@@ -92,6 +92,16 @@ def test_missing_samples_are_left_out_and_change_no_encoder(hyq: Robot, trot: Re
     assert "several joints jump at once: samples are missing" in found.message
     assert not found.lasting
     assert trot.time[middle - 10] < found.spans[0][0] <= found.spans[-1][1] < trot.time[middle + 10]
+
+
+def test_velocities_taken_for_another_unit_are_named(hyq: Robot, trot: Recording) -> None:
+    """In rad/s, and read as deg/s."""
+    assert trot.velocity is not None
+    (found,) = diagnose(replace(trot, velocity=np.radians(trot.velocity)), hyq)
+    assert found.message.startswith("joint velocities seem to be in rad/s, and to be taken for deg/s: 0.017")
+    assert found.remedy == "; add --units velocity=rad/s or --fix"
+    assert found.mend is not None
+    assert found.mend.factors["velocity"] == pytest.approx(180.0 / np.pi)
 
 
 @pytest.mark.parametrize(

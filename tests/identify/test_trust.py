@@ -12,6 +12,7 @@ import pytest
 
 import stadera
 from identify.leg_runs import DRIVE, hyq, noisy, run, swing
+from stadera.body import FrictionModel
 from stadera.errors import MissingExtraError, ModelError, StaderaError, UntrustedError
 from stadera.identify.gather import LegScore
 from stadera.identify.result import Identification
@@ -68,6 +69,12 @@ def test_torques_of_another_joint_are_bad(clean: Recording) -> None:
     trust = stadera.identify(hyq(), replace(clean, effort=clean.effort[:, [0, 2, 1]]), RH).trust
     assert trust.verdict == "bad"
     assert any("likeliest causes" in reason for reason in trust.reasons)
+
+
+def test_terms_that_are_not_fitted_are_named_once(clean: Recording) -> None:
+    trust = stadera.identify(hyq(), clean, replace(RH, friction=FrictionModel(("armature", "offset")))).trust
+    (reason,) = trust.reasons
+    assert reason.startswith("viscous, coulomb of the joints are not fitted: the torques' residuals of ")
 
 
 def test_another_unit_is_doubtful(clean: Recording) -> None:

@@ -20,7 +20,8 @@ from stadera.robot.model import Leg, Robot
 from stadera.types import Array, Bools
 
 DEGREE = FACTORS["position"]["deg"]
-_RATIOS = {"deg/s": 1.0 / DEGREE, "rpm": 30.0 / np.pi, "rad/ms": 1e-3, "mrad/s": 1e3}
+# of a velocity in this unit, taken for rad/s; of one in rad/s that is taken for deg/s
+_RATIOS = {"deg/s": 1.0 / DEGREE, "rpm": 30.0 / np.pi, "rad/ms": 1e-3, "mrad/s": 1e3, "rad/s": DEGREE}
 
 
 def unit_findings(
@@ -148,7 +149,8 @@ def _velocity_unit(unit: str, factor: float, found: str, joints: Sequence[str]) 
     option = "--columns MAP.toml with their unit" if joints else f"--units velocity={unit}"
     all_of_them, some = {} if joints else {"velocity": factor}, {("velocity", joint): factor for joint in joints}
     mend = Mend(f"{whose} taken to be in {unit}", all_of_them, some)
-    return Finding("velocity_unit", f"{whose} seem to be in {unit}: {found}", "" if unit == "rad/ms" else option, mend)
+    seem = f"seem to be in {unit}{', and to be taken for deg/s' * (unit == 'rad/s')}"
+    return Finding("velocity_unit", f"{whose} {seem}: {found}", "" if unit == "rad/ms" else option, mend)
 
 
 def _chosen(blocks: Instants, chosen: Bools) -> list[str]:

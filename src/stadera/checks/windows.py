@@ -25,6 +25,7 @@ from stadera.body import Body, Motion
 from stadera.checks.finding import Finding
 from stadera.checks.limits import WindowLimits
 from stadera.constants import GRAVITY, MEDIAN_OF_CHI2
+from stadera.errors import listed
 from stadera.logs.recording import Recording
 from stadera.logs.sampling import GAP_FACTOR
 from stadera.robot.model import Robot
@@ -32,7 +33,7 @@ from stadera.robot.shapes import FLAT
 from stadera.trust import Verdict
 from stadera.types import Array, Bools
 
-_UNLIKE, _SCALED = "is not the change of its position", "is {:.2g} times the change of its position"
+_UNLIKE, _SCALED = "not the change of position", "{:.2g} times the change of position"
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,10 +79,14 @@ def window_faults(recording: Recording, robot: Robot, limits: WindowLimits | Non
     resolved = _resolved(recording.channel("position", joints), limits)
     found: list[Finding] = []
     if recording.velocity is not None and resolved:
+        alike: _Alike = {}
         for k in range(0, len(joints), limits.at_once):
-            found += _velocity(recording, joints[k : k + limits.at_once], windows, limits)
-        found.sort(key=lambda fault: fault.cause != "position")
+            found += _velocity(recording, joints[k : k + limits.at_once], windows, limits, alike)
         found = _without_gaps(found, limits, limits.undone * float(np.median(np.diff(recording.time))))
+        for (text, spans), names in alike.items():
+            whose = listed([*map(repr, names)], 3)
+            said = f"the velocities of {whose} are {text}" if names[1:] else f"the velocity of {whose} is {text}"
+            found.append(Finding("velocity", said, spans=spans))
     if recording.effort is not None:
         effort = recording.channel("effort", joints)
         for check in (_beyond, _clipped):
@@ -131,9 +136,14 @@ def with_verdicts(
             yield fault, "bad"
 
 
+_Alike = dict[tuple[str, tuple[tuple[float, float], ...]], list[str]]
+"""Joints whose velocities are wrong in the same way at the same times."""
+
+
 def _velocity(
-    recording: Recording, joints: tuple[str, ...], windows: Windows, limits: WindowLimits
+    recording: Recording, joints: tuple[str, ...], windows: Windows, limits: WindowLimits, alike: _Alike
 ) -> Iterator[Finding]:
+    """Yields the jumps of these joints' positions, and adds the joints whose velocities are wrong."""
     time, q = recording.time, recording.channel("position", joints)
     step = np.diff(time)[:, None]
     v = recording.channel("velocity", joints)
@@ -163,7 +173,7 @@ def _velocity(
             chosen = moving[:, j] & wrong[:, j]
             if chosen.any():
                 text = said.format(float(np.median(gain[chosen, j])))
-                yield Finding("velocity", f"the velocity of {joint!r} {text}", spans=windows.spans(chosen))
+                alike.setdefault((text, windows.spans(chosen)), []).append(joint)
 
 
 def _white(values: Array, limits: WindowLimits) -> Array:

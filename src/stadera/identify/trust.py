@@ -19,6 +19,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import chdtri
 
+from stadera.body import FRICTION_TERMS
 from stadera.constants import NOTHING
 from stadera.identify.gather import Gathered, LegScore
 from stadera.identify.job import Job, LegTask, TrunkUp
@@ -41,19 +42,27 @@ def trust_in(
     settings = job.settings.trust
     wanted = list(zip(job.tasks, gathered, estimates, strict=True))[: job.wanted]
     fits = [_LegFit(task, data, estimate, _stated(job, task, estimate)) for task, data, estimate in wanted]
-    is_bad, reasons = _explained(fits, settings)
+    is_bad, reasons = _explained(fits, settings, [t for t in FRICTION_TERMS if t not in job.settings.friction.terms])
     reasons = (*reasons, *_far(fits, settings.far), *remarks)
     verdict: Verdict = "bad" if is_bad else "doubtful" if reasons else "good"
     by_leg = {fit.task.leg.name: float(np.mean(list(fit.misfits.values()))) for fit in fits}
     return Trust(verdict, float(np.mean(list(by_leg.values()))), by_leg, reasons)
 
 
-def _explained(fits: Sequence[_LegFit], settings: TrustSettings) -> tuple[bool, tuple[str, ...]]:
-    """Whether the model fails to explain the torques altogether, and where it explains them poorly."""
+def _explained(
+    fits: Sequence[_LegFit], settings: TrustSettings, left_out: Sequence[str]
+) -> tuple[bool, tuple[str, ...]]:
+    """Whether the model, without the joint terms left out, fails to explain the torques altogether, and where it
+    explains them poorly.
+    """
     loud = {joint: misfit for fit in fits for joint, misfit in fit.misfits.items() if misfit > settings.doubtful}
     signs = [reason for fit in fits for reason in fit.reversed(settings.reversed_gain)]
     if signs:
         return True, (*signs, *map(_loud, loud, loud.values()))
+    if loud and left_out:
+        whose, most = f"{len(loud)} joint{'s' * (len(loud) > 1)}", max(loud.values())
+        what = f"{', '.join(left_out)} of the joints {'are' if len(left_out) > 1 else 'is'} not fitted"
+        return most > settings.bad, (f"{what}: the torques' residuals of {whose} are up to {_times(most)}",)
     if not any(misfit > settings.bad for misfit in loud.values()):
         return False, tuple(map(_loud, loud, loud.values()))
     return True, (*map(_loud, loud, loud.values()), _LIKELIEST)
@@ -117,10 +126,11 @@ def _stated(job: Job, task: LegTask, estimate: Estimate) -> dict[str, float]:
 
 
 def _loud(joint: str, misfit: float) -> str:
-    return (
-        f"joint {joint!r}: the torque's residual is {np.sqrt(misfit):.3g} times what its noise and the usual "
-        f"imperfections of drives leave"
-    )
+    return f"joint {joint!r}: the torque's residual is {_times(misfit)}"
+
+
+def _times(misfit: float) -> str:
+    return f"{np.sqrt(misfit):.3g} times what noise and the usual imperfections of drives leave"
 
 
 def _far(fits: Sequence[_LegFit], chance: float) -> Iterator[str]:
