@@ -207,6 +207,18 @@ def test_a_memory_is_plain_values_of_one_model() -> None:
     for broken in ({}, [], memory.to_dict() | {"R": [1.0]}, memory.to_dict() | {"z": [None]}):
         with pytest.raises(IdentificationError, match="not a robot's memory"):
             Memory.from_dict(broken)
+    with pytest.raises(IdentificationError, match="which `--memory` itself writes"):
+        Memory.from_dict({"robot": "go2", "trust": {}})
+
+
+def test_a_test_weight_that_comes_too_late_is_told_how_to_be_kept() -> None:
+    memory = remembered(0, 1)
+    nothing = Information.empty(memory.known.names)
+    scale = nothing.add(3.0 * np.eye(len(memory.known))[-1:], np.ones(1))
+    how = "; to keep what a scale or test weight tells now, begin a new memory with this log"
+    for evidence, end in ((nothing, ""), (scale, how)):
+        with pytest.raises(IdentificationError, match=f"these samples are in the memory already{end}$"):
+            memory.with_log(evidence, np.nan, MemorySettings(), memory.seen[0])
 
 
 def test_a_test_weight_calibrates_the_robot() -> None:

@@ -165,7 +165,9 @@ class Memory:
             IdentificationError: it is in the memory already, or contradicts it.
         """
         if checksum in self.seen:
-            raise IdentificationError("these samples are in the memory already")
+            known, had = (of.R[-1, -1] ** 2 > settings.worth for of in (evidence, self.known))
+            keep = "; to keep what a scale or test weight tells now, begin a new memory with this log"
+            raise IdentificationError(f"these samples are in the memory already{keep if known and not had else ''}")
         faded = self.faded(days, settings)
         what, apart = faded.contradiction(evidence, settings)
         if apart > settings.contradicted:
@@ -236,6 +238,8 @@ class Memory:
     @classmethod
     def from_dict(cls, values: Any) -> Memory:
         """The reverse of `to_dict`. Raises IdentificationError: not the values of a memory."""
+        if not isinstance(values, dict) or not {"errors", "R", "z"} <= values.keys():
+            raise IdentificationError("not a robot's memory, which `--memory` itself writes; name another file")
         try:
             names, days = tuple(map(str, values["errors"])), values["days"]
             rows = [np.array(row, dtype=float) for row in values["R"]]
