@@ -225,14 +225,15 @@ def test_a_difference_from_cad_within_chance_is_no_verdict() -> None:
     task: Any = SimpleNamespace(leg=SimpleNamespace(joints=("knee",)))
     truth, time = np.zeros((n, 1)), np.arange(n) / 100.0
 
-    def excess(off: float) -> float:  # in standard deviations
+    def excess(off: float, least: float = 0.0) -> float:  # in standard deviations
         score = LegScore(task, {}, {}, n)
         noise = rng.normal(size=(n, 2))
         guesses = {"identified": noise[:, :1] + off, "prior_friction": noise[:, 1:]}
         score.kept = [(time, truth, guesses)]
-        assert score.excess()[""] == score.excess()["knee"]
-        return score.excess()["knee"]
+        assert score.excess(least)[""] == score.excess(least)["knee"]
+        return score.excess(least)["knee"]
 
     alike = np.array([excess(0.0) for _ in range(200)])
     assert 0.8 < alike.std() < 1.3
     assert excess(0.5) > 2.0
+    assert excess(0.5, 0.5) < 0.0  # it is a tenth larger

@@ -164,15 +164,16 @@ class LegScore:
         error = np.abs(trace.measured - trace.predicted["identified"])
         return {joint: float(np.mean(error[:, k] > beyond * rmse[joint])) for k, joint in enumerate(self.joints)}
 
-    def excess(self) -> dict[str, float]:
-        """By how many standard deviations the identified model's squared error exceeds that of CAD with friction in the
-        first minute, by joint, and of all joints together under the name "".
+    def excess(self, least: float) -> dict[str, float]:
+        """By how many standard deviations the identified model's squared error exceeds that of an error larger than CAD
+        with friction has by a share `least`, in the first minute, by joint, and of all joints together under the name
+        "".
 
         The mean of the differences x of squared errors has the variance var(x) τ / n, with τ samples of them worth one.
         """
         measured = np.concatenate([m for _, m, _ in self.kept])
         found, cad = (np.concatenate([p[k] for _, _, p in self.kept]) for k in ("identified", "prior_friction"))
-        worse = (measured - found) ** 2 - (measured - cad) ** 2
+        worse = (measured - found) ** 2 - ((1.0 + least) * (measured - cad)) ** 2
         series = {"": worse.sum(axis=1)} | dict(zip(self.joints, worse.T, strict=True))
         stds = {k: float(x.std()) * np.sqrt(correlation_length(x) / len(x)) for k, x in series.items()}
         return {name: float(x.mean()) / stds[name] if stds[name] > 0.0 else 0.0 for name, x in series.items()}

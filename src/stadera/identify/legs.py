@@ -354,7 +354,7 @@ def _leg_result(
     job: Job, task: LegTask, data: Gathered, estimate: Estimate, scores: Mapping[str, LegScore]
 ) -> LegIdentification:
     held_out = scores.get("validation")
-    evaluated = held_out.excess() if held_out is not None and held_out.samples else {}
+    evaluated = held_out.excess(job.settings.trust.matters) if held_out is not None and held_out.samples else {}
     result = LegIdentification(
         leg=task.leg,
         model=task.nominal,
