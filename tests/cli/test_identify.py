@@ -216,8 +216,8 @@ def test_a_bad_log_is_one_line_and_writes_nothing(run, spoilable, tmp_path, spoi
 
 
 def test_a_motion_that_excites_nothing_is_a_result_with_an_honest_rank(run, swing, tmp_path):
-    still = np.zeros_like(swing.position)
-    rest = Recording(swing.time, swing.joints, still, still, effort=still, source="rest")
+    position, effort = (np.tile(x[len(x) // 2], (len(x), 1)) for x in (swing.position, swing.effort))
+    rest = Recording(swing.time, swing.joints, position, np.zeros_like(position), effort=effort, source="rest")
     finished = run("identify", write_table(rest, tmp_path / "rest.csv"), "--robot", "hyq", "--legs", "RH")
     assert finished.code == 0
     assert "rank 3 of 51" in finished.out  # one pose: one torque a joint

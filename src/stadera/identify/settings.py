@@ -37,8 +37,8 @@ class TrustSettings:
     # share of outliers above which a warning is given [1]; of Gaussian errors, 2e-9 exceed six times their size
     outliers: float = 2e-3
     turning: float = 0.1  # root mean square of the IMU's angular velocity above which the trunk is not held [rad/s]
-    # standard deviations by which held-out squared errors exceed those of CAD with friction, above which they are worse,
-    # if they are so by more than a share of the error that matters to nobody
+    # standard deviations by which held-out squared errors exceed those of CAD with friction, above which they are
+    # worse; matters: share of the error by which they are at least
     worse: float = 2.0
     matters: float = 0.02
     fewest: int = 200  # number of moving samples below which a warning is given
