@@ -3,6 +3,7 @@
 from collections.abc import Collection, Iterable, Sequence
 from difflib import get_close_matches
 from math import isfinite
+from numbers import Real
 
 
 class StaderaError(Exception):
@@ -38,12 +39,23 @@ def require_known(kind: str, names: Iterable[str], valid: Iterable[str], where: 
             raise UnknownNameError(kind, name, valid, where)
 
 
+def number(what: str, value: object, unit: str = "", error: type[StaderaError] = StaderaError) -> None:
+    """Checks that a value is a number.
+
+    Raises:
+        error: it is not; `what` names it in the message.
+    """
+    if not isinstance(value, Real):
+        raise error(f"{what} must be a number{unit and f' of {unit}'}, got {value!r}")
+
+
 def positive(what: str, value: float, unit: str = "", error: type[StaderaError] = StaderaError) -> float:
     """Returns a number that is positive and finite.
 
     Raises:
         error: it is not; `what` names it in the message.
     """
+    number(what, value, unit, error)
     if not (isfinite(value) and value > 0):
         raise error(f"{what} must be positive, got {value}{unit and f' {unit}'}")
     return value

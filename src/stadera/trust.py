@@ -15,8 +15,8 @@ class Trust:
     """Fit quality of a result.
 
     Attributes:
-        verdict: "good": values and error bars hold. "doubtful": the error bars were widened to match the residuals.
-            "bad": the model does not explain the log, and no value is reliable.
+        verdict: "good": values and error bars hold. "doubtful": a reason speaks against them, and error bars cover
+            no fault. "bad": the model does not explain the log, and no value is reliable.
         misfit: variance of the residuals divided by the stated variance; 1 if model and noise are right, NaN if not
             evaluated.
         by_leg: misfit of each leg.

@@ -137,10 +137,19 @@ def test_the_torques_scale_is_apart_from_the_rest_of_the_bar() -> None:
     assert "% of it for the torques' scale" in repr(result)
 
 
-def test_a_scale_that_contradicts_the_log_is_said() -> None:
-    result = weigh(HYQ, loaded(), tare=(0.0, 2.8), weight=(1.3 * HYQ.mass, 0.05))
+def test_a_scale_that_contradicts_the_log_is_left_out_and_said() -> None:
+    result, without = weigh(HYQ, loaded(), tare=(0.0, 2.8), weight=(1.3 * HYQ.mass, 0.05)), tared()
     assert result.trust.verdict == "doubtful"
-    assert "the scale and the log are" in " ".join(result.trust.reasons)
+    assert "the scale, which is left out, and the log are" in " ".join(result.trust.reasons)
+    assert result.mass == pytest.approx(without.mass, rel=1e-3)
+    assert result.payload is not None
+    assert without.payload is not None
+    assert result.payload.mass == pytest.approx(without.payload.mass, rel=1e-3)
+    assert result.payload.mass_std == pytest.approx(without.payload.mass_std, rel=0.02)
+    page = result.to_html()
+    assert "widened" not in page
+    assert "Write it into the model file" not in page
+    assert "Write it into the model file" in without.to_html()
 
 
 def test_bad_weights_are_named() -> None:
@@ -154,6 +163,12 @@ def test_bad_weights_are_named() -> None:
         weigh(HYQ, loaded(), weight=-3.0)
     with pytest.raises(IdentificationError, match=r"the legs of hyq alone have .* kg"):
         weigh(HYQ, loaded(), weight=2.0)
+    with pytest.raises(IdentificationError, match=r"must be a number of kg, got '16.7kg'"):
+        weigh(HYQ, loaded(), weight="16.7kg")  # type: ignore[arg-type]
+    with pytest.raises(IdentificationError, match=r"must be a number of kg, got 'a'"):
+        TrunkEstimator(HYQ).know_weight("a", 1.0)  # type: ignore[arg-type]
+    with pytest.raises(IdentificationError, match=r"a range of time is a pair of numbers, \(0.0, 9.0\)"):
+        weigh(HYQ, loaded(), tare="0:9")
     with pytest.raises(IdentificationError, match="kg are needed"):
         weigh(HYQ, loaded(), weight=1000.0 * HYQ.mass)
     with pytest.raises(IdentificationError, match="a weight is used, by 'walking' or 'standing'"):

@@ -17,6 +17,7 @@ from stadera.information import Information
 from stadera.robot.model import JointDynamics
 from stadera.trunk import Samples
 from stadera.trunk.memory import Memory, MemorySettings, names_of
+from stadera.trunk.settings import TrunkSettings
 
 GO2 = load_robot("go2")
 LOAD = InertialParameters.from_com(1.5, (0.05, -0.02, 0.1), 0.004 * np.eye(3))
@@ -144,7 +145,7 @@ def test_a_changed_motor_is_named_and_not_merged() -> None:
             estimator.remember(memory, settings=STILL)
         told = weighed(1, 8, memory)
         assert told.trust.verdict == "doubtful"
-        assert any("the memory and the log are" in reason for reason in told.trust.reasons)
+        assert any("the memory, which is left out, and the log are" in reason for reason in told.trust.reasons)
     finally:
         drawn.cache_clear()
         measured.cache_clear()
@@ -237,11 +238,14 @@ def test_a_test_weight_calibrates_the_robot() -> None:
     wrong = weighed(2, 0)
     wrong.know_payload(2.0 * LOAD.mass, LOAD.com)
     assert wrong.trust.verdict == "doubtful"
-    assert any("the test weight and the log" in reason for reason in wrong.trust.reasons)
+    assert any("the test weight, which is left out, and the log" in reason for reason in wrong.trust.reasons)
+    assert wrong.payload is not None
+    assert (wrong.payload.mass, wrong.payload.mass_std) == (before.mass, before.mass_std)
     with pytest.raises(IdentificationError, match="since a tare"):
         TrunkEstimator(GO2).know_payload(1.0, (0.0, 0.0, 0.1))
-    with pytest.raises(IdentificationError, match="needs a mass above zero"):
-        wrong.know_payload(-1.0, (0.0, 0.0, 0.1))
+    for bad, place in ((-1.0, (0.0, 0.0, 0.1)), ("a", (0.0, 0.0, 0.1)), (1.0, (0.0, 0.1)), (1.0, None)):
+        with pytest.raises(IdentificationError, match="needs a mass above zero"):
+            wrong.know_payload(bad, place)  # type: ignore[arg-type]
 
 
 def test_a_log_is_remembered_once_and_only_for_the_model_that_it_was_weighed_with() -> None:
@@ -277,7 +281,7 @@ def test_what_is_said_during_a_push_is_of_the_load_that_stays() -> None:
 
 
 def test_a_trunk_that_a_scale_makes_impossible_is_refused() -> None:
-    estimator = TrunkEstimator(GO2)
+    estimator = TrunkEstimator(GO2, settings=TrunkSettings(apart=1e6))  # else the scale is left out
     estimator.add(measured(2, 0, None))
     before = estimator.trunk.inertial.mass
     estimator.know_weight(GO2.mass - GO2.inertias[GO2.trunk].mass + 0.02, 1e-3)

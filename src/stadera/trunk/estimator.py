@@ -23,7 +23,7 @@ from zlib import crc32
 import numpy as np
 from numpy.typing import ArrayLike
 
-from stadera.errors import IdentificationError, RecordingError
+from stadera.errors import IdentificationError, RecordingError, number
 from stadera.inertia import InertialParameters
 from stadera.robot.imu import ImuMount
 from stadera.robot.load import load_robot
@@ -196,6 +196,8 @@ class TrunkEstimator:
         Raises:
             IdentificationError: not a mass that the robot can have.
         """
+        for value in (mass, std):
+            number("a weight on a scale", value, "kg", IdentificationError)
         legs = self.robot.mass - self.robot.inertias[self.robot.trunk].mass
         if not (legs < mass < self.settings.overweight * self.robot.mass and 0.0 <= std < mass):
             raise IdentificationError(
@@ -216,14 +218,7 @@ class TrunkEstimator:
         Raises:
             IdentificationError: no tare, or not a payload.
         """
-        centre = np.asarray(com, dtype=float)
-        if self._history.tare is None:
-            raise IdentificationError("a test weight is known since a tare, and there is none")
-        known = np.isfinite([mass, mass_std, com_std, *centre.ravel()]).all()
-        if not (known and mass > 0.0 and mass_std >= 0.0 and com_std >= 0.0 and centre.shape == (3,)):
-            place = ", ".join(f"{v:g}" for v in centre.ravel())
-            raise IdentificationError(f"a test weight needs a mass above zero and x, y, z; got {mass:g} kg, {place}")
-        self._know(with_test_weight(self.robot, mass, centre, mass_std, com_std, self._history.tare))
+        self._know(with_test_weight(self.robot, mass, com, mass_std, com_std, self._history.tare))
 
     def recall(self, memory: Memory, days: float = np.nan, settings: MemorySettings | None = None) -> None:
         """Uses what earlier logs of this robot showed.
@@ -251,9 +246,9 @@ class TrunkEstimator:
             raise IdentificationError("a log whose fit is bad, or whose end is refused, is not remembered")
         memory.check(self.robot)
         own = tuple(known for known in self._known if known.trunks)
-        outside = self._correction(own)
-        if outside is not None and max(outside.apart) > self.settings.apart:
+        if self._contradicted(own):
             raise IdentificationError("a log that contradicts its scale or test weight is not remembered")
+        outside = self._correction(own)
         found = (errors.mean, errors.covariance) if outside is None else outside.of_errors()
         return memory.with_log(evidence_of(self.robot, model, errors.start, *found), days, settings, self._print)
 
@@ -338,15 +333,10 @@ class TrunkEstimator:
 
     def bars_calibrated(self, mass: float) -> tuple[float, float]:
         """The same if a test weight [kg] had been on the robot too, for as long as this load and in the same motion.
-
-        Raises:
-            IdentificationError: no tare.
+        Raises IdentificationError: no tare.
         """
-        tare, now = self._history.tare, self._history.carried
-        if tare is None:
-            raise IdentificationError("a test weight is known since a tare, and there is none")
-        place, again = np.array([0.0, 0.0, 0.3 * self.robot.leg_length]), replace(now)
-        return self._bars_with(with_test_weight(self.robot, mass, place, 0.005, 0.005, tare, again))
+        place, again = (0.0, 0.0, 0.3 * self.robot.leg_length), replace(self._history.carried)
+        return self._bars_with(with_test_weight(self.robot, mass, place, 0.005, 0.005, self._history.tare, again))
 
     def bars_remembered(self, logs: int) -> tuple[float, float]:
         """The same if so many earlier logs had shown as much as this one."""
@@ -359,13 +349,12 @@ class TrunkEstimator:
         return (inf, inf) if known is None else self._bars_with(known)
 
     def _bars_with(self, more: Knowledge) -> tuple[float, float]:
-        known = (*(other for other in self._known if other.what != more.what), more)
+        known = (*(other for other in self._used if other.what != more.what), more)
         tare, trunk = self._history.tare, sqrt(float(self._read(known).covariance[0, 0]))
         now = self._history.carried
         if tare is None or now.load is not None:
             return inf, trunk
-        outside = self._correction(known)
-        return sqrt(float(self._difference(tare, outside)[1][0, 0])), trunk
+        return sqrt(float(self._difference(tare, self._correction(known))[1][0, 0])), trunk
 
     @property
     def changes(self) -> tuple[LoadChange, ...]:
@@ -375,11 +364,11 @@ class TrunkEstimator:
     @property
     def trust(self) -> Trust:
         """How well the model explains the log so far."""
-        trust, outside = self._fit.trust, self._outside
-        for known, apart in () if outside is None else zip(outside.known, outside.apart, strict=True):
-            if apart > self.settings.apart:
-                reason = f"{known.what} and the log are {apart:.1f} standard deviations apart: another load than was "
-                trust = trust.at_most("doubtful", reason + "said, a part that was changed, or torques of another scale")
+        trust = self._fit.trust
+        why = "another load than was said, a part that was changed, or torques of another scale"
+        for what, far in self._contradicted(self._known).items():
+            left_out = f"{what}, which is left out, and the log are {far:.1f} standard deviations apart"
+            trust = trust.at_most("doubtful", f"{left_out}: {why}")
         return trust
 
     @property
@@ -454,7 +443,18 @@ class TrunkEstimator:
     @property
     def _outside(self) -> Correction | None:
         """What is known from outside, in place of the estimates."""
-        return self._correction(self._known)
+        return self._correction(self._used)
+
+    @property
+    def _used(self) -> tuple[Knowledge, ...]:
+        """What is known from outside, without what contradicts the log."""
+        left_out = self._contradicted(self._known)
+        return tuple(known for known in self._known if known.what not in left_out)
+
+    def _contradicted(self, known: Sequence[Knowledge]) -> dict[str, float]:
+        """Who contradicts the log, and by how many standard deviations."""
+        outside = self._correction(known)
+        return {} if outside is None else outside.beyond(self.settings.apart)
 
     def _correction(self, known: Sequence[Knowledge]) -> Correction | None:
         """By what is known, of the payload since the tare."""
@@ -479,7 +479,7 @@ class TrunkEstimator:
 
     def _adopt(self, time: float, updated: bool = False) -> None:
         """Adopts the present estimate of the trunk, unless it is implausible; `updated`: with other model errors."""
-        since, read = time if isnan(self._state.since) else self._state.since, self._read(self._known)
+        since, read = time if isnan(self._state.since) else self._state.since, self._read(self._used)
         if complaint := read.complaint(self.bounds):
             self._state = replace(self._state, since=since)
             self._refuse(f"the estimate runs away: {complaint}")

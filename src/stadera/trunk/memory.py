@@ -184,7 +184,7 @@ class Memory:
             found = learn()
         except IdentificationError as error:
             return None, f"{UNCHANGED}: {error}"
-        return found, f"the robot's memory is used: of {self.logs} earlier log{'s' * (self.logs != 1)}, and of this one"
+        return found, f"the robot's memory is of {self.logs} earlier log{'s' * (self.logs != 1)}, and of this one"
 
     def knowledge(self, layout: ErrorLayout, prior: Array, settings: MemorySettings) -> Knowledge | None:
         """What it tells a log whose errors have these variances (errors,) before it; None if next to nothing."""

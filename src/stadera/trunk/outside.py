@@ -24,8 +24,10 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.linalg import cho_factor, cho_solve
 
+from stadera.errors import IdentificationError
 from stadera.inertia import InertialParameters
 from stadera.robot.model import Robot
 from stadera.trunk.error_model import ErrorLayout
@@ -119,6 +121,11 @@ class Correction:
         """Of what is about trunks that have rows; None if nothing is."""
         ready = [item for item in known if all((segment or present).blocks for segment, _ in item.trunks)]
         return cls(ready, errors, present, scatter, alike) if ready else None
+
+    def beyond(self, most: float) -> dict[str, float]:
+        """Who says what is further from the log than `most`, and how far [standard deviations]."""
+        apart = zip(self.known, self.apart, strict=True)
+        return {item.what: far for item, far in apart if far > most}
 
     def _own(self, trunk: Segment) -> Array:
         """Covariance (10, 10) of a trunk's error that no other trunk shares."""
@@ -224,16 +231,33 @@ def on_scale(robot: Robot, mass: float, std: float, load: Segment | None) -> Kno
 
 
 def with_test_weight(
-    robot: Robot, mass: float, com: Array, mass_std: float, com_std: float, tare: Segment, load: Segment | None = None
+    robot: Robot,
+    mass: float,
+    com: ArrayLike,
+    mass_std: float,
+    com_std: float,
+    tare: Segment | None,
+    load: Segment | None = None,
 ) -> Knowledge:
     """A payload since the tare that is known.
 
     Args:
         mass: [kg]. com: (3,) [m]. mass_std, com_std: their standard deviations.
         tare: the trunk without it. load: the trunk with it; None for the present load.
+
+    Raises:
+        IdentificationError: no tare, or not a payload.
     """
+    if tare is None:
+        raise IdentificationError("a test weight is known since a tare, and there is none")
+    try:
+        given = np.array([mass, mass_std, com_std, *np.ravel(com)], dtype=float)
+    except (TypeError, ValueError):
+        given = np.full(6, np.nan)
+    if not (given.shape == (6,) and np.isfinite(given).all() and given[0] > 0.0 and (given[1:3] >= 0.0).all()):
+        raise IdentificationError(f"a test weight needs a mass above zero and x, y, z; got {mass!r} kg, {com!r}")
     slope, four, count = np.diag([1.0, mass, mass, mass]), np.eye(4, 10), ErrorLayout.of(robot).count
-    slope[1:, 0] = com
+    slope[1:, 0] = given[3:]
     covariance = slope @ np.diag([mass_std**2, *[com_std**2] * 3]) @ slope.T + 1e-12 * np.eye(4)
-    moments = np.array([mass, *(mass * com)])
+    moments = np.array([mass, *(mass * given[3:])])
     return Knowledge("the test weight", moments, covariance, np.zeros((4, count)), ((load, four), (tare, -four)))

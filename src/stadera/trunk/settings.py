@@ -351,7 +351,7 @@ class TrunkSettings:
         turned: standard deviations of its mount about one axis beyond which a turn of the IMU makes a result doubtful.
             Of 36 simulated logs with drawn errors one has 2.5 and the others less, walks of a real Mini Cheetah 0.7.
         overweight: weight on a scale over that of the model, which no load explains, but grams do [1].
-        apart: standard deviations between a scale and the log, beyond which they contradict each other.
+        apart: standard deviations between a scale, test weight or memory and the log, beyond which it is left out.
         compared: time between two comparisons of the places where a load may be [s]; a change of the load compares
             them at once.
         placed: probability above which a load is taken to be at one place and not another [1]: 19 to 1.

@@ -308,10 +308,10 @@ class _LogPass:
         if self._request.weight is not None:
             mass, std = self._request.weight
             when = "tare" if self.tared else "beginning"
-            yield f"the robot's mass on a scale, {mass:g} ± {std:.2g} kg at the {when}, is used"
+            yield f"the robot's mass on a scale at the {when}: {mass:g} ± {std:.2g} kg"
         if (test := self._request.known) is not None:
             place = ", ".join(f"{v:g}" for v in test.com)
-            yield f"the payload is a test weight of {test.mass:g} kg at {place} m, as its owner says"
+            yield f"the payload is said to be a test weight of {test.mass:g} kg at {place} m"
         if not self.tared and isinstance(self.estimator, TrunkEstimator):
             settings = self._request.settings.trunk
             known = settings.changes.history_walking * settings.block

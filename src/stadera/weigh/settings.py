@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stadera.checks.limits import WindowLimits
-from stadera.errors import IdentificationError, require_positive
+from stadera.errors import IdentificationError, positive, require_positive
 from stadera.logs import LogFile
 from stadera.logs.recording import Recording
 from stadera.trunk.registry import method_of
@@ -100,7 +100,8 @@ def check_choice(method: str | None, stiffness: tuple[float, float, float] | Non
 
 
 def weight_std(mass: float) -> float:
-    """Standard deviation of a mass on a bathroom scale [kg]: 0.2 % and 50 g."""
+    """Standard deviation of a mass on a bathroom scale [kg]: 0.2 % and 50 g. IdentificationError: it is no mass."""
+    positive("a robot's weight on a scale", mass, "kg", IdentificationError)
     return float(np.hypot(0.05, 0.002 * mass))
 
 

@@ -25,7 +25,7 @@ from stadera.types import Progress
 from stadera.weigh.pipeline import Request, weighed
 from stadera.weigh.reading import CheckedLog, with_extra_joints
 from stadera.weigh.result import Weighing
-from stadera.weigh.settings import IN_MOTION, TestWeight, Watch, WeighSettings, check_choice, weight_std
+from stadera.weigh.settings import IN_MOTION, TestWeight, Watch, WeighSettings, check_choice, tare_of, weight_std
 
 AT_REST = "standing"
 """Name in `METHODS` of the library's method at rest."""
@@ -183,7 +183,9 @@ def _check_options(request: Request, source: str) -> None:
 
 
 def _range(tare: object) -> tuple[float, float] | Log | None:
-    """A tare's range as a pair; a list or an array of two numbers is one too."""
+    """A tare's range as a pair; a list or an array of two numbers is one too. IdentificationError: a range as text."""
+    if isinstance(tare, str) and isinstance(span := tare_of(tare), tuple):
+        raise IdentificationError(f"a tare {tare!r}: a range of time is a pair of numbers, {span}")
     if isinstance(tare, list | np.ndarray) and len(tare) == 2 and all(isinstance(end, Real) for end in tare):
         return float(tare[0]), float(tare[1])
     return tare  # type: ignore[return-value]

@@ -35,7 +35,7 @@ def next_steps(result: Weighing) -> Iterator[str]:
     yield from map(words.step_text, result.next)
     if result.trust.verdict == "doubtful":
         yield (
-            "Look for a fault that is named above: the error bars are widened to the fit, and do not cover one. "
+            "Look for a fault that is named above: the error bars do not cover one. "
             "Friction and rotor inertia from `stadera identify` make them narrower: `--legs legs.json`."
         )
     if result.payload is None:
@@ -45,7 +45,7 @@ def next_steps(result: Weighing) -> Iterator[str]:
         )
     if (hidden := _hidden(result)) is not None:
         yield hidden
-    if not result.determined()["trunk" if result.payload is None else "payload"]:
+    if result.trust.verdict != "good" or not result.determined()["trunk" if result.payload is None else "payload"]:
         return
     if result.payload is None or not result.payload.at:
         yield f"Write it into the model file: `{command} --export weighed.urdf`."

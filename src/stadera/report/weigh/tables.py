@@ -230,7 +230,7 @@ def may_be_used(result: Weighing) -> str:
     determined = result.determined()["trunk" if result.payload is None else "payload"]
     if result.trust.verdict == "good" and not determined:
         return f"Not yet: the figures are right, and too wide to act on. {trust_reasons(result.trust)}"
-    said = {"good": "Yes.", "doubtful": "With care; the bars allow for the fit, not for a fault.", "bad": "No."}
+    said = {"good": "Yes.", "doubtful": "With care; the bars cover no fault.", "bad": "No."}
     return f"{said[result.trust.verdict]} {trust_reasons(result.trust)}"
 
 
