@@ -13,11 +13,13 @@ import numpy as np
 import pytest
 
 from stadera.cli import main, options
+from stadera.errors import StaderaError
 from stadera.lab.truth import Truth, read_truth
 from stadera.logs import Imu, Recording, read, write_table
 from stadera.logs.recording import take
 from stadera.robot import load_robot
 from stadera.trunk.registry import METHODS
+from stadera.weigh import Weighing
 from stadera.weigh.weigh import AT_REST
 
 Run = Callable[..., Any]
@@ -88,6 +90,24 @@ def test_a_link_that_cannot_be_written(run: Run, loading: Path, tmp_path: Path) 
     assert wrong.code == 1
     assert "is a URDF" in wrong.err
     assert not list(tmp_path.iterdir())
+
+
+def test_what_cannot_be_written_into_a_model_leaves_the_other_outputs(
+    run: Run, loading: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def elsewhere(self: Weighing, path: Path) -> None:
+        raise StaderaError(f"{path}: only one on the trunk is written")
+
+    monkeypatch.setattr(Weighing, "save_urdf", elsewhere)
+    out, found, page = tmp_path / "loaded.urdf", tmp_path / "found.json", tmp_path / "found.html"
+    wanted = ("--robot", "hyq", *REST, "--tare", "0:1.8", "--json", found, "--report", page, "--export", out)
+    ended = run("weigh", loading, *wanted)
+    assert ended.code == 1
+    assert "only one on the trunk is written" in ended.err
+    assert json.loads(found.read_text())["payload"]
+    assert page.exists()
+    assert not out.exists()
+    assert f"wrote {found}" in "".join(ended.out.splitlines())
 
 
 def test_trunk_payload_and_change(run: Run, loading: Path, truth: Truth, tmp_path: Path) -> None:

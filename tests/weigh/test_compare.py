@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -61,6 +62,7 @@ def test_a_table_a_page_and_json(run: Callable[..., Any], tmp_path: Path) -> Non
     text = page.read_text()
     assert "Over time: walk.csv" in text
     assert "contact on walk.csv" in text
+    assert re.search(r">Trunk \S{4,5}\s±\s\S{3,4}\skg by walking", text)
 
 
 def test_curves_have_bands_and_payloads_in_their_method_s_colour(tmp_path: Path) -> None:
@@ -71,10 +73,32 @@ def test_curves_have_bands_and_payloads_in_their_method_s_colour(tmp_path: Path)
         lines = {mark.name: mark.colour for mark in panel.marks if not mark.fill}
         bands = {mark.name: mark.colour for mark in panel.marks if mark.fill}
         assert lines == bands == {"walking": "blue", "own_estimator.py:MeanMass": "orange"}
-    assert "kg by walking and own_estimator.py:MeanMass." in found.to_html()
+    assert re.search(r"\skg by walking and not determined by own_estimator.py:MeanMass\.", found.to_html())
+
+
+def test_a_tare_may_be_another_log(run: Callable[..., Any], tmp_path: Path) -> None:
+    log, values = walk(tmp_path), tmp_path / "c.json"
+    done = run("compare", log, "--robot", "hyq", "--methods", "walking", "--tare", log, "--json", values)
+    assert done.code == 0, done.err
+    (entry,) = json.loads(values.read_text())["entries"]
+    mass = entry["weighing"]["payload"]["mass"]
+    assert abs(mass["value"]) < 3.0 * mass["std"]
+
+
+def test_nothing_but_refusals_is_an_error(run: Callable[..., Any], tmp_path: Path) -> None:
+    log, values = tmp_path / "empty.csv", tmp_path / "c.json"
+    log.touch()
+    done = run("compare", log, "--robot", "hyq", "--json", values)
+    assert done.code == 1
+    assert "the file is empty" in done.out
+    assert f"wrote {values}" in "".join(done.out.splitlines())
+    assert "no method gave a result" in done.err
+    assert json.loads(values.read_text())["entries"][0]["weighing"] is None
 
 
 def test_what_is_wrong_is_said() -> None:
+    with pytest.raises(IdentificationError, match=r"--stiffness KX,KY,KZ .* which `stadera weigh` takes"):
+        compare("hyq", static_log(HYQ), ["orientation"])
     with pytest.raises(UnknownNameError, match="walkng"):
         compare("hyq", static_log(HYQ), ["walkng"])
     with pytest.raises(IdentificationError, match="no such file"):

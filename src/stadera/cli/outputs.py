@@ -167,15 +167,20 @@ class GatedCommand(TyperCommand):
         from stadera.files import output_gate
 
         with output_gate(inputs_of(ctx.params)) as gate:
-            value = super().invoke(ctx)
-        if gate.written:
-            from stadera.cli.terminal import show
+            try:
+                return super().invoke(ctx)
+            finally:  # also before an error that comes after them
+                if gate.written:
+                    _show_written(gate.written)
 
-            written: dict[Path, bool] = {}
-            for path, replaced in gate.written:  # files written repeatedly are reported once
-                written.setdefault(path, replaced)
-            show(*(f"wrote {path}{' in place of the one before' * replaced}" for path, replaced in written.items()))
-        return value
+
+def _show_written(files: Iterable[tuple[Path, bool]]) -> None:
+    from stadera.cli.terminal import show
+
+    written: dict[Path, bool] = {}
+    for path, replaced in files:  # files written repeatedly are reported once
+        written.setdefault(path, replaced)
+    show(*(f"wrote {path}{' in place of the one before' * replaced}" for path, replaced in written.items()))
 
 
 def inputs_of(parameters: Mapping[str, Any]) -> Iterator[Path]:

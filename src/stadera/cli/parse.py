@@ -94,14 +94,6 @@ def tare(value: str) -> tuple[float, float] | Path:
     return Path(found) if isinstance(found, str) else found
 
 
-def tare_range(value: str) -> tuple[float, float]:
-    """A range of time "T0:T1" [s]."""
-    found = tare(value)
-    if isinstance(found, Path):
-        raise typer.BadParameter(f"{value!r} is not a range of time T0:T1", param_hint="'--tare'")
-    return found
-
-
 def weight(value: str) -> tuple[float, float]:
     """Mass and standard deviation [kg], "15.2kg±0.05" (also "+-", "kg" optional); without the latter a bathroom
     scale's.

@@ -7,7 +7,7 @@ from typing import Annotated
 from stadera.cli import options as opt
 from stadera.cli import parse
 from stadera.cli.options import ModelOptions, RobotOptions, argument, grouped, option, remembered
-from stadera.cli.outputs import ResultFiles
+from stadera.cli.outputs import ResultFiles, write_outputs
 from stadera.cli.terminal import progress, show
 
 
@@ -65,8 +65,9 @@ def weigh(
         )  # fmt: skip
     result = replace(result, truth=true)
     kept = [] if result.memory is None else [(weighed.memory, result.memory.save_json)]
-    files.write_result(result, (export, result.save_urdf), *kept)
+    files.write_result(result, *kept)
     show(*weighing_tables(result))
+    write_outputs((export, result.save_urdf))  # last: only a payload on the trunk goes into a model
 
 
 @grouped
@@ -86,12 +87,13 @@ def compare(
 ) -> None:
     """Weigh logs by several methods: a table, curves over time over each other with their bands, LaTeX, JSON.
 
-    What a method refuses is listed with the reason. --tare is a range of each log's time.
+    What a method refuses is listed with the reason; exit code 1 if all refuse all logs.
     """
     chosen = parse.names(methods) or ()
-    unloaded = None if tare is None else parse.tare_range(tare)
+    unloaded = options.tare(tare)
     on_scale = None if weight is None else parse.weight(weight)
 
+    from stadera.errors import IdentificationError
     from stadera.report.table import notes, rich_table
     from stadera.report.weigh.comparison import reasons
     from stadera.weigh.compare import compare as compare_logs
@@ -110,3 +112,5 @@ def compare(
         )
     files.write_result(result)
     show(*map(rich_table, result.to_tables()), *notes(reasons(result)))
+    if all(each.weighing is None for each in result.entries):
+        raise IdentificationError("no method gave a result")

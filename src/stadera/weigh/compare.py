@@ -64,7 +64,7 @@ def compare(
     robot: Robot | str | PathLike[str],
     logs: Log | Sequence[Log],
     methods: Sequence[str] = (IN_MOTION,),
-    tare: tuple[float, float] | None = None,
+    tare: tuple[float, float] | Log | None = None,
     *,
     weight: float | tuple[float, float] | None = None,
     imu_frame: str | None = None,
@@ -77,7 +77,7 @@ def compare(
     Args:
         robot: a robot, its name, or the path of its model file.
         methods: names as of `stadera.weigh.weigh`, FILE.py:Name among them.
-        tare: range of each log's time [s] without payload.
+        tare: range of each log's time [s], or another log, without payload.
         weight: of the robot on a scale, for the method "walking" alone.
 
     Raises:

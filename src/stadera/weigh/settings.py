@@ -91,7 +91,7 @@ def check_choice(method: str | None, stiffness: tuple[float, float, float] | Non
     if method == "orientation" and stiffness is None:
         raise IdentificationError(
             "the method 'orientation' weighs by how far the trunk controller's springs give way: it needs their "
-            "--stiffness KX,KY,KZ [N·m/rad]; without it use 'contact'"
+            "--stiffness KX,KY,KZ [N·m/rad], which `stadera weigh` takes; without it use 'contact'"
         )
     if method != "orientation" and stiffness is not None:
         raise IdentificationError(

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from stadera.report.figures import Axis, Figure, Panel, Series, band, line, stacked
-from stadera.report.numbers import counted, listed, number, with_std
+from stadera.report.numbers import counted, listed, with_std
 from stadera.report.page import render
 from stadera.report.table import Cell, Row, TableData
 from stadera.report.trust import LEVELS
@@ -88,18 +88,20 @@ def _quantity(weighed: Sequence[Weighed]) -> tuple[str, Array]:
 
 
 def _headline(result: Comparison) -> str:
-    """How far the results are apart on one log; of several logs, how many there are."""
+    """What each method says of one log, with its bar; of several logs, how many results there are."""
     weighed, logs = list(_weighed(result)), {each.log for each in result.entries}
     what = f"{len(weighed)} of {counted(len(result.entries), 'weighing')} of {result.robot.name} gave a result"
     if len(logs) > 1 or not weighed:
         return f"{what}."
     name, mass = _quantity(weighed)
-    if len(weighed) == 1:
-        return f"{name.capitalize()} {with_std(*mass[0].tolist())} kg by {weighed[0][0].label}; {what}."
-    low, high = (number(float(end), 3) for end in (mass[:, 0].min(), mass[:, 0].max()))
-    methods = listed([each.label for each, _ in weighed])
-    between = f"{low} kg" if low == high else f"between {low} and {high} kg"
-    return f"{name.capitalize()} {between} by {methods}."
+    said, unknown = list[str](), list[str]()
+    for (each, found), value in zip(weighed, mass.tolist(), strict=True):
+        if found.determined()[name]:
+            said.append(f"{with_std(*value)} kg by {each.label}")
+        else:
+            unknown.append(each.label)
+    said += [f"not determined by {listed(unknown)}"] if unknown else []
+    return f"{name.capitalize()} {listed(said)}{f'; {what}' * (len(weighed) < len(result.entries))}."
 
 
 def _row(each: MethodResult) -> Row:
