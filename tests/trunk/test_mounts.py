@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from stadera.errors import UnknownNameError
 from stadera.lab.baselines import ALL_METHODS
 from stadera.lab.plant.sensors import IDEAL
 from stadera.logs import Recording
@@ -68,6 +69,16 @@ def test_estimates_do_not_depend_on_the_mount(name: str, seed: int) -> None:
 
 def test_of_two_imus_the_one_below_the_waist_is_the_trunks() -> None:
     assert ImuMount.of(load_robot("g1")).name == "imu_in_pelvis"
+
+
+def test_an_unknown_frame_lists_each_on_the_trunk_once() -> None:
+    robot = load_robot("b1")
+    with pytest.raises(UnknownNameError, match=r"^b1: unknown IMU frame 'imu'; valid: trunk, base, ") as given:
+        ImuMount.of(robot, "imu")
+    assert len(set(given.value.valid)) == len(given.value.valid)
+    assert {robot.frames[name].link for name in given.value.valid} == {robot.trunk}
+    with pytest.raises(UnknownNameError, match=r"^the log may be of another robot than b1: unknown IMU frame 'imu'"):
+        ImuMount.of(robot, None, "imu")
 
 
 def test_an_imu_above_the_waist_turns_with_it() -> None:

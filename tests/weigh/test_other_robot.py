@@ -14,6 +14,7 @@ from stadera.lab.scenarios.catalog import Load, SimulateSettings
 from stadera.lab.scenarios.run import simulate
 from stadera.logs import Recording
 from stadera.logs.frames import write_table
+from stadera.logs.mend import Gear, changed
 from stadera.robot import load_robot
 from stadera.weigh import weigh
 
@@ -44,6 +45,11 @@ def test_a_go2s_log_as_a_spots_is_not_one_with_torques_in_another_unit_alone(go2
     small = replace(go2_trot, effort=np.asarray(go2_trot.effort) / 6.33)
     with pytest.raises(UntrustedError, match=r"^[^:]*: the torques are .* too small"):
         weigh("go2", small)
+    with pytest.raises(UntrustedError, match=r"^[^:]*: the torques are .* too large.*; leave --gear out, or"):
+        weigh("go2", changed(go2_trot, [Gear((6.33,))]))
+    radians = replace(go2_trot, position=np.radians(go2_trot.position))
+    with pytest.raises(UntrustedError, match=r"beyond its limits.*it is a unit, the torques' scale, or the model"):
+        weigh("go2", radians)
 
 
 def test_what_the_feet_carry_is_compared_with_the_model(go2_trot: Recording) -> None:

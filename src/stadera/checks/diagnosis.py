@@ -85,7 +85,7 @@ def contradictions(recording: Recording, robot: Robot, imu_frame: str | None = N
 
 
 def _mount(recording: Recording, robot: Robot, imu_frame: str | None) -> ImuMount | None:
-    return None if recording.imu is None else ImuMount.of(robot, imu_frame or recording.imu.frame)
+    return None if recording.imu is None else ImuMount.of(robot, imu_frame, recording.imu.frame)
 
 
 def _contradictions(footing: Footing, mount: ImuMount | None) -> Iterator[Finding]:

@@ -12,6 +12,7 @@ from stadera.checks.finding import Finding
 from stadera.checks.instants import Instants
 from stadera.checks.limits import CheckLimits
 from stadera.checks.residual import Footing
+from stadera.logs.mend import GEARED
 from stadera.logs.recording import Recording
 from stadera.robot.load import known_robots
 from stadera.robot.model import Robot
@@ -57,7 +58,9 @@ def kin(robot: Robot) -> Iterator[Robot]:
 
 
 def or_other_robot(finding: Finding, recording: Recording, robot: Robot) -> Finding:
-    """The finding; torques in another unit may be those of another robot, whose log is not scaled."""
+    """The finding; torques in another unit may be another robot's, whose log is not scaled, or of a wrong gear."""
+    if finding.cause == "torque_unit" and any(note.startswith(GEARED) for note in recording.notes):
+        return replace(finding, message=f"{finding.message}; leave --gear out, or give another ratio", option="")
     others = carriers(recording, kin(robot)) if finding.cause == "torque_unit" else ()
     if not others:
         return finding

@@ -162,7 +162,7 @@ def _outlier(footing: Footing, force: float, plane: float, apart: float, loaded:
     if plane < close and force > far:
         return "; IMU and the feet's plane agree, so that it is the torques that seem wrong"
     if max(apart, plane, force) < close and loaded:
-        return "; all directions agree, so that it is the torques' unit or scale, or the model, that seems wrong"
+        return "; all directions agree, so that it is a unit, the torques' scale, or the model, that seems wrong"
     return "; check the joints' names, the torques' signs and units, and the IMU's frame"
 
 

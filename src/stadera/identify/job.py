@@ -45,7 +45,7 @@ def vertical_of(recording: Recording, robot: Robot, up: tuple[float, float, floa
     imu = recording.imu
     if imu is None:
         return TrunkUp(np.array([0.0, 0.0, 1.0]), "no IMU in the log and no vertical given: trunk taken as level")
-    mean = ImuMount.of(robot, imu.frame).rotation @ imu.linear_acceleration.mean(axis=0)
+    mean = ImuMount.of(robot, None, imu.frame).rotation @ imu.linear_acceleration.mean(axis=0)
     turning = float(np.sqrt(np.mean(np.sum(imu.angular_velocity**2, axis=1))))
     tilt = np.degrees(np.arccos(np.clip(mean[2] / np.linalg.norm(mean), -1.0, 1.0)))
     return TrunkUp(mean, f"vertical from the IMU: trunk tilted by {tilt:.1f}°", turning)

@@ -80,6 +80,10 @@ class Mend:
         return replace(imu, angular_velocity=gyro, linear_acceleration=force, orientation=orientation)
 
 
+GEARED = "torques are the motors', times gear ratios"
+"""How the note on a gear begins."""
+
+
 @dataclass(frozen=True)
 class Gear:
     """Gear ratios for torques of motors: a joint's torque is the motor's times the ratio. One or three, above 0, else
@@ -104,7 +108,7 @@ class Gear:
     @property
     def text(self) -> str:
         """Description for a note."""
-        return f"torques are the motors', times gear ratios of {', '.join(f'{ratio:g}' for ratio in self.ratios)}"
+        return f"{GEARED} of {', '.join(f'{ratio:g}' for ratio in self.ratios)}"
 
     def sources(self, joints: Iterable[str]) -> tuple[str, ...]:
         """The joints themselves."""

@@ -26,12 +26,14 @@ class ImuMount:
     name: str
 
     @classmethod
-    def of(cls, robot: Robot, frame: str | None = None) -> Self:
-        """Mount of the named frame; for None, of the only frame on the trunk with "imu" in its name, or on the trunk
-        itself where others are beyond a waist, else of the trunk frame. UnknownNameError if there is no such frame,
-        ModelError if it is fixed to a leg.
+    def of(cls, robot: Robot, frame: str | None = None, of_log: str | None = None) -> Self:
+        """Mount of the named frame, else of that of a log, `of_log`; for None, of the only frame on the trunk
+        with "imu" in its name, or on the trunk itself where others are beyond a waist, else of the trunk frame.
+        UnknownNameError if there is no such frame, ModelError if it is fixed to a leg.
         """
-        extra = robot.extra
+        extra, where = robot.extra, robot.name
+        if not frame and of_log:
+            frame, where = of_log, f"the log may be of another robot than {robot.name}"
         if frame is None:
             found = [name for name, f in robot.frames.items() if "imu" in name.lower() and f.link == robot.trunk]
             own = [name for name in found if extra is None or name not in extra.frames]  # not beyond a waist or a neck
@@ -43,7 +45,8 @@ class ImuMount:
             R, p = extra.poses(extra.reference)[extra.links.index(pose.link)]
             return cls(R @ pose.rotation, p + R @ pose.translation, frame)
         if frame not in robot.frames:
-            raise UnknownNameError("IMU frame", frame, (robot.trunk, *robot.frames), robot.name)
+            on_trunk = (name for name, f in robot.frames.items() if f.link == robot.trunk)
+            raise UnknownNameError("IMU frame", frame, dict.fromkeys((robot.trunk, *on_trunk)), where)
         pose = robot.frames[frame]
         if pose.link != robot.trunk:
             raise ModelError(f"robot {robot.name}: IMU frame {frame!r} is fixed to {pose.link!r}, not to the trunk")

@@ -104,7 +104,7 @@ class Samples:
             raise RecordingError(
                 f"{recording.source}: no IMU; weighing while walking needs columns imu.angular_velocity.x, ..."
             )
-        mount = ImuMount.of(robot, imu_frame or recording.imu.frame)
+        mount = ImuMount.of(robot, imu_frame, recording.imu.frame)
         omega = mount.in_trunk_axes(recording.imu.angular_velocity)
         force = mount.in_trunk_axes(recording.imu.linear_acceleration)
         q, qd, effort = (recording.channel(kind, robot.tree.joints) for kind in ("position", "velocity", "effort"))

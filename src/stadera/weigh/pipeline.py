@@ -41,6 +41,7 @@ from stadera.weigh.settings import TestWeight, Watch, WeighSettings
 if TYPE_CHECKING:
     from stadera.lab.laws.orientation import PostureLaw
 
+_BEFORE = "before the tare's time"
 _IN_MOTION, _AT_REST = ("torque_lag", "spikes", "impacts", "drives"), ("balance", "vertical")
 """What an estimator may tell beyond the protocol, under its name in `Weighing`."""
 
@@ -196,7 +197,7 @@ class _LogPass:
             begin = int(np.searchsorted(time, self._range[0]))
             end = int(np.searchsorted(time, self._range[1], "right"))
             if begin:
-                self._refuse(float(time[0]), float(time[begin - 1]), "before the tare's time")
+                self._refuse(float(time[0]), float(time[begin - 1]), _BEFORE)
         ends = {begin, end, len(time), *entries, *range(0, len(time), request.settings.ahead)}
         steps: Iterator[float] = iter(())
         if isinstance(samples, Samples) and isinstance(self._estimator, TrunkEstimator):
@@ -216,8 +217,7 @@ class _LogPass:
     def tare(self, where: str) -> None:
         """Makes the present estimate of the trunk the reference for the payload."""
         if np.isnan((found := self.estimator.estimate()).time):
-            why = f": {found.reason}{self._lacks()}" if found.reason else ""
-            raise IdentificationError(f"{where}: too short for a tare: nothing is learnt by its end{why}")
+            raise IdentificationError(f"{where}: no tare: {self._nothing_learnt(found.reason)}")
         self.estimator.tare()
         if self._request.weight is not None and isinstance(self.estimator, TrunkEstimator):
             self.estimator.know_weight(*self._request.weight)  # the load may have changed since the beginning, unsaid
@@ -283,18 +283,22 @@ class _LogPass:
 
     def _require_learnt(self, estimate: TrunkEstimate) -> None:
         """Raises IdentificationError: nothing was learnt, or nothing after the tare."""
-        log, refused = self.log, self._refused
+        log = self.log
         if np.isnan(estimate.time):
-            what, reason = "nothing could be learnt", estimate.reason or "too few samples"
-            if self._method.at_rest and refused:
-                what = "the robot never stands still, nothing to weigh by"
-                reason = max(refused, key=lambda r: r.end - r.begin).reason + self._lacks()
-            raise IdentificationError(f"{log.source.source}: {what}: {reason}")
+            raise IdentificationError(f"{log.source.source}: {self._nothing_learnt(estimate.reason)}")
         if self._method.at_rest and estimate.time < self._tared_at + self._request.settings.entry:
             raise IdentificationError(
                 f"{log.source.source}: the robot does not stand still after the tare's time, "
                 f"{self._tared_at - log.begin:.3g} s{self._lacks()}"
             )
+
+    def _nothing_learnt(self, reason: str) -> str:
+        """Why there is no estimate yet, by the reason that the estimator gives last."""
+        seen = [refusal for refusal in self._refused if refusal.reason != _BEFORE]
+        if not (self._method.at_rest and seen):
+            return f"nothing could be learnt: {reason or 'too few samples'}"
+        longest = max(seen, key=lambda r: r.end - r.begin).reason
+        return f"the robot never stands still, nothing to weigh by: {longest}{self._lacks()}"
 
     def _lacks(self) -> str:
         """Why a log is weighed at rest only, a clause; empty if that is not for what it lacks."""
@@ -319,7 +323,7 @@ class _LogPass:
 
     def _made(self, chunk: Recording) -> Weigher:
         request, robot, settings = self._request, self._request.robot, self._request.settings.trunk
-        mount = ImuMount.of(robot, self.log.imu_frame or (None if chunk.imu is None else chunk.imu.frame))
+        mount = ImuMount.of(robot, self.log.imu_frame, None if chunk.imu is None else chunk.imu.frame)
         if self._method.at_rest and len(chunk) > 1:  # a block has two samples, also of a slow log
             settings = settings.at_rest(float(np.clip(2.0 * np.median(np.diff(chunk.time)), settings.block, 0.2)))
         setup = Setup(robot, posture=self._posture(chunk, mount), mount=mount, settings=settings, at=request.at)
