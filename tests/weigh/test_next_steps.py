@@ -146,3 +146,10 @@ def test_a_mass_that_was_not_observed_has_to_be_so_by_a_step() -> None:
     nothing = TrunkEstimator(GO2).trunk
     known = (NextStep("one", trunk_std=0.3 * GO2.mass), NextStep("two", trunk_std=0.1 * GO2.mass))
     assert next_steps(GO2, nothing, None, known) == known[1:]
+
+
+def test_a_step_that_hardly_narrows_the_bar_is_not_offered() -> None:
+    """Such as the motion that the log has already: a step cuts the bar by a third at least."""
+    trunk = weighed(1.0, tare=False).trunk
+    known = (NextStep("a little", trunk_std=0.75 * trunk.mass_std), NextStep("much", trunk_std=0.6 * trunk.mass_std))
+    assert next_steps(GO2, trunk, None, known) == known[1:]

@@ -29,7 +29,7 @@ class UseLimits:
     payload: float = 0.02
     trunk: float = 0.1
     fine: float = 0.05  # one above which a load that is determined is worth more effort, as a share of its own mass [1]
-    gained: float = 0.8  # largest bar to expect from a step that is worth its effort, as a share of the present one [1]
+    gained: float = 2 / 3  # largest bar to expect of a step worth its effort, as a share of the present one [1]
     test_weight: float = 0.1  # mass of a test weight, as a share of the robot's [1]
     remembered: int = 3  # earlier logs like this one, of a memory that is offered [1]
 
