@@ -64,6 +64,14 @@ def test_joints_are_found_and_wild_rows_left_out(wild: float) -> None:
     assert mean[PLACES["torque_lag"]][0] == pytest.approx(LAG, abs=5e-4)
 
 
+def test_more_strides_tell_no_more_of_a_law_that_errs_in_each() -> None:
+    """Of fifty rows of a joint the noise still counts, then what repeats."""
+    few, many, more = (np.sqrt(np.diag(swung(blocks, 0.1).posterior()[1])) for blocks in (60, 240, 480))
+    seen = slice(PLACES["viscous"].start, PLACES["viscous"].start + 6)
+    assert (many[seen] < 0.9 * few[seen]).all()
+    assert more[seen] == pytest.approx(many[seen], rel=0.05)
+
+
 def test_legs_that_never_swung_share_what_others_showed() -> None:
     """Drives of one kind are alike: a hind knee's friction moves towards that of the front ones, its bar stays wide."""
     mean, covariance = swung(200, 0.1).posterior()
