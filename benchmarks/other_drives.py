@@ -22,7 +22,7 @@ import stadera
 from stadera.errors import StaderaError
 
 ROBOTS, LENGTH = ("aliengo", "go1", "mini_cheetah", "hyqreal2", "b2"), 20.0  # s
-JOINTS, TERMS = ("hip", "thigh", "calf"), ("armature", "viscous", "coulomb")
+JOINTS, TERMS = ("hips", "thighs", "calves"), ("armature", "viscous", "coulomb")
 
 
 @dataclass(frozen=True)
@@ -78,14 +78,14 @@ def main() -> None:
         for joint in JOINTS:
             own = [one for one in found if (one.term, one.joint) == (term, joint) and one.std]
             if not own:
-                print(f"{term} of {joint}s: none known")
+                print(f"{term} of {joint}: none known")
                 continue
             share = np.array([one.value / one.true - 1.0 for one in own])
             apart = np.array([(one.value - one.true) / one.std for one in own])
             off = (
                 f"off by {100 * np.median(np.abs(share)):.0f} % (median), {100 * np.median(share):+.0f} % in the middle"
             )
-            print(f"{term} of {joint}s: {len(own)} known; {off}; {np.sqrt(np.mean(apart**2)):.2f} σ (rms), ", end="")
+            print(f"{term} of {joint}: {len(own)} known; {off}; {np.sqrt(np.mean(apart**2)):.2f} σ (rms), ", end="")
             print(f"{np.abs(apart).max():.1f} σ at most")
     if asked.json is not None:
         asked.json.write_text(json.dumps([asdict(one) for one in found], indent=1))
