@@ -19,6 +19,7 @@ from stadera.report import page as pdf
 from stadera.report.page import commands
 from stadera.report.weigh.page import next_steps
 from stadera.report.weigh.plots import payload_figure
+from stadera.trust import Trust
 
 ROOT = Path(__file__).resolve().parents[2]
 VENDOR = ROOT / "src" / "stadera" / "report" / "vendor"
@@ -79,8 +80,12 @@ def test_the_weighing_s_sentence(pages) -> None:
 
 
 def test_a_load_in_a_hand_is_not_said_to_be_written_into_a_model_file(weighed) -> None:
+    weighed = replace(weighed, trust=replace(weighed.trust, verdict="good", reasons=()))
     held = replace(weighed, payload=replace(weighed.payload, at="lf_lowerleg"))
     assert any("--export" in step for step in next_steps(weighed))
+    assert not any(
+        "--export" in step for step in next_steps(replace(weighed, trust=Trust("doubtful", 1.0, {}, ("why",))))
+    )
     assert not any("--export" in step for step in next_steps(held))
     assert any("link lf_lowerleg" in step for step in next_steps(held))
 

@@ -117,7 +117,7 @@ def test_a_dead_leg_is_refused_and_a_load_above_a_foot_said_to_look_alike(robot:
     assert log.effort is not None
     effort = log.effort.copy()
     effort[:, [log.index(joint) for joint in robot.leg("RF").joints]] *= 0.05
-    with pytest.raises(UntrustedError, match="it is the torques"):
+    with pytest.raises(UntrustedError, match="it is a unit, the torques' scale"):
         weigh(robot, replace(log, effort=effort))
 
 

@@ -97,13 +97,13 @@ def window_faults(recording: Recording, robot: Robot, limits: WindowLimits | Non
 
 
 def _without_gaps(found: Sequence[Finding], limits: WindowLimits, near: float) -> list[Finding]:
-    """One finding, which does not last, in place of jumps of several joints within a time [s]."""
+    """One finding, which is worth a note, in place of jumps of several joints within a time [s]."""
     jumps = np.array([fault.spans[0][0] if fault.lasting else np.inf for fault in found])
     at_once = [np.isfinite(at) and np.count_nonzero(np.abs(jumps - at) <= near) >= limits.together for at in jumps]
     if not any(at_once):
         return list(found)
-    spans = tuple((at, at + near) for at in sorted(set(jumps[at_once].tolist())))
-    missing = Finding("position", "positions of several joints jump at once: samples are missing", spans=spans)
+    at = float(jumps[at_once].min())
+    missing = Finding("position", "positions of several joints jump at once: samples are missing", at=at)
     return [missing, *(fault for fault, gap in zip(found, at_once, strict=True) if not gap)]
 
 

@@ -141,7 +141,7 @@ class CheckedLog:
             if verdict is not None:
                 self.doubts[verdict, fault.said(self.begin)] = None
                 continue
-            self.notes[f"left out: {fault.said(self.begin)}"] = None
+            self.notes[f"{'left out: ' * bool(fault.spans)}{fault.said(self.begin)}"] = None
             parts = [Refusal(begin, end, fault.message) for begin, end in fault.spans]
             self.left_out += [part for part in parts if part.begin not in [known.begin for known in self.left_out]]
 
