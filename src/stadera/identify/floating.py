@@ -167,7 +167,8 @@ class _Columns:
 
 def learnt(estimator: TrunkEstimator) -> dict[str, Information]:
     """What the estimator learnt about links and drives, by leg."""
-    errors, std = estimator.errors, estimator.drives.std
+    drives = estimator.drives
+    errors, std = drives.errors, drives.std
     hidden = np.zeros(errors.layout.count)
     for k, name in enumerate(TERMS.values()):
         place = errors.layout.places[name]

@@ -8,6 +8,10 @@ rotor inertia, so that a rotor is known no better than Σ (s_l I_l)², with I_l 
 about its axis, and s_l the relative error of the link's mass. Likewise the weight that the links have more than the
 model, or elsewhere by r_l, is taken for a torque offset: Σ (s_l τ_l)² + (r_l m_l g)², with τ_l the torque of the link's
 weight.
+
+A friction law errs alike in each stride, in the air as under load. With each swing counted anew, Coulomb friction of
+thighs and knees from fifteen trots of 20 s on a second plant is 2.7 and 2.9 standard deviations off (rms), else 1.0.
+The trunk's estimate has them anew: with strides alike a real Go2's walk has half a kilogram less, other walks the same.
 """
 
 from __future__ import annotations
@@ -39,6 +43,7 @@ class Drives:
         joints: names, by leg and outwards.
         model: (joints, 4), the model's values [kg·m², N·m·s/rad, N·m, N·m]; `value` with the errors estimated.
         std, prior_std: (joints, 4), standard deviations after and before the log.
+        errors: of which they are.
     """
 
     joints: tuple[str, ...]
@@ -46,6 +51,7 @@ class Drives:
     value: Array
     std: Array
     prior_std: Array
+    errors: Errors
 
     @classmethod
     def of(cls, robot: Robot, model: ErrorModel, errors: Errors) -> Drives:
@@ -63,7 +69,7 @@ class Drives:
         hidden[1] += (by_place * place[: len(share)]) ** 2
         for k, of_links in zip((0, 3), np.sqrt(hidden.sum(axis=2)), strict=True):
             std[:, k] = np.hypot(std[:, k], of_links)
-        return cls(joints, given, given + mean, std, prior)
+        return cls(joints, given, given + mean, std, prior, errors)
 
     @property
     def observed(self) -> Bools:

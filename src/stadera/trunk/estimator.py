@@ -388,7 +388,7 @@ class TrunkEstimator:
     @property
     def drives(self) -> Drives:
         """Rotor inertia, friction and torque offsets of the legs' joints."""
-        return Drives.of(self.robot, self._fit.model, self._fit.errors)
+        return Drives.of(self.robot, self._fit.model, self._fit.of_drives(self._history))
 
     @property
     def mount(self) -> ImuMount:

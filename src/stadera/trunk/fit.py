@@ -189,6 +189,7 @@ class ModelFit:
         self.fit: Fit | None = None
         self.evaluated = False
         self.due, self._trust = 0, None  # type: int, Trust | None
+        self._gravity: Array | None = None
 
     def add_swing(self, swing: SwingRows) -> None:
         """Adds a block's rows of legs in the air."""
@@ -206,13 +207,18 @@ class ModelFit:
         self.fit = Fit.of(rows, usual)
         if rows.moved:
             self.sizes.update(*usual.evidence(self.swing))
-        gravity = front.at_rest.known(layout, self._settings.model)
-        self.errors = Errors(self.model, self.swing, self.sizes.factors, rows, gravity=gravity)
+        self._gravity = front.at_rest.known(layout, self._settings.model)
+        self.errors = Errors(self.model, self.swing, self.sizes.factors, rows, gravity=self._gravity)
         laws = [layout.places[name] for name in ("rotor", "viscous", "coulomb")]
         front.know_joints(*(np.array([x[law] for law in laws]) for x in (self.errors.mean, self.errors.std)))
         self.evaluated = front.seen >= self._settings.evaluated
         self._trust = None
         return True
+
+    def of_drives(self, history: History) -> Errors:
+        """The same errors with strides in the air alike, as those under load are."""
+        rows = history.total if self.fit is not None else None
+        return Errors(self.model, self.swing, self.sizes.factors, rows, gravity=self._gravity, alike=True)
 
     @property
     def misfit(self) -> float:

@@ -176,9 +176,10 @@ class SwingDetection:
             persist that long, and return with every step.
         returning: number of rows under load after which such errors have returned, so that more of them tell nothing
             new [1], of a robot that sways: four seconds. Assumed.
-        strides: the same of rows in which a foot moves relative to the others, a second, three strides of a trot, and
-            of a joint's rows in the air [1]. The masses of seven walks of a real Mini Cheetah spread by 19 % with 200,
-            by 8 % with 50, by 6 % with 25; payloads of simulated trots err by 0.7, 0.4, 0.4 % of the robot (rms).
+        strides: the same of rows in which a foot moves relative to the others, a second, three strides of a trot, and,
+            for drives, of a joint's rows in the air [1]. The masses of seven walks of a real Mini Cheetah spread by
+            19 % with 200, by 8 % with 50, by 6 % with 25; payloads of simulated trots err by 0.7, 0.4, 0.4 % of the
+            robot (rms).
         enough: rows for each unknown, needed to evaluate the fit of the joints' law [1].
         quietest: share of the stated variance below which smaller residuals do not sharpen the estimate [1].
         freedom: degrees of freedom of Student's t, by which rows that fit worse than usual count for less [1]: a foot

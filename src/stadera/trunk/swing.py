@@ -6,13 +6,9 @@ A leg in the air has no contact force, so each of its joints obeys
 
 with h of the rigid bodies, s the smoothed sign of q̇ and d the torques' lag, common to all joints. The trunk's mass
 does not enter these rows, so wrong torques under load cannot affect them. A friction law errs alike over a whole swing,
-so `repeated` rows count as one, and in the same way in each stride, so more than `strides` rows of a joint tell nothing
-new. Without that, Coulomb friction of thighs and knees from fifteen trots of 20 s on a second plant is 2.7 and 2.9
-standard deviations off (rms), with it 1.0 and 1.0.
-
-A joint that sticks is held by any torque up to its friction c: once c is known, its rows have the variance (1 - s²) c²
-beside that. Without it the noise of its velocity passes for sliding, and abduction joints of a straight trot seem to
-have a third of their friction and an offset of the rest.
+so `repeated` rows count as one. A joint that sticks is held by any torque up to its friction c: once c is known, its
+rows have the variance (1 - s²) c² beside that. Without it the noise of its velocity passes for sliding, and abduction
+joints of a straight trot seem to have a third of their friction and an offset of the rest.
 
 **Which legs are in the air**: their feet are off the ground and lightly loaded, while the others carry the robot.
 A foot is off the ground if it is higher than the others, or moves relative to them. Feet that stand have the same
@@ -131,7 +127,7 @@ class SwingJoints:
 
     def _learn(self, mean: Array, covariance: Array, loud: float) -> None:
         """Takes the law by which later rows are weighed."""
-        self._last, self._typical = mean, loud / self._repeats
+        self._last, self._typical = mean, loud / self._settings.repeated
         self._square_held = (self._dry + mean[self._coulomb]) ** 2 + np.diagonal(covariance)[self._coulomb]
 
     def _compare(self, swinging: Array, residual: Array, weight: Array, row: Array) -> None:
@@ -173,13 +169,17 @@ class SwingJoints:
         _, _, loud = self._usual
         return self._normal / loud, self._right / loud
 
-    def posterior(self, scale: Array | None = None) -> tuple[Array, Array]:
+    def posterior(self, scale: Array | None = None, *, alike: bool = False) -> tuple[Array, Array]:
         """Mean and covariance of the errors that swing rows determine, `ErrorLayout.by_swing`.
 
         Args:
             scale: factors (count,) on the prior's standard deviations; None for one.
+            alike: whether strides are, as a friction law errs: more than `strides` rows of a joint tell nothing new.
         """
-        return (self._usual if scale is None else self._least_squares(scale))[:2]
+        strides = self.rows / (self._settings.strides * len(self._each)) if alike else 1.0
+        if scale is None and strides <= 1.0:
+            return self._usual[:2]
+        return self._least_squares(np.ones(len(self._right)) if scale is None else scale, max(strides, 1.0))[:2]
 
     @property
     def _usual(self) -> tuple[Array, Array, float]:
@@ -199,21 +199,16 @@ class SwingJoints:
             self._learn(*self._found)
         return self._found
 
-    @property
-    def _repeats(self) -> float:
-        """Number of rows that share one error [1]: those of a swing, and more once errors have returned."""
-        settings = self._settings
-        return settings.repeated * max(self.rows / (settings.strides * len(self._each)), 1.0)
-
-    def _least_squares(self, scale: Array) -> tuple[Array, Array, float]:
-        loud, prior, mean = self._repeats, self._prior / np.multiply.outer(scale, scale), self._right
+    def _least_squares(self, scale: Array, strides: float = 1.0) -> tuple[Array, Array, float]:
+        repeated = self._settings.repeated * strides
+        loud, prior, mean = repeated, self._prior / np.multiply.outer(scale, scale), self._right
         factor = prior
         for _ in range(2):  # the second pass uses the first one's residual
             factor = lapack.dpotrf(self._normal / loud + prior)[0]
             mean = lapack.dpotrs(factor, self._right / loud)[0]
             if self.rows > len(mean):
                 square = self._square - mean @ (2.0 * self._right - self._normal @ mean)
-                loud = self._repeats * max(float(square) / self.rows, self._settings.quietest)
+                loud = repeated * max(float(square) / self.rows, self._settings.quietest)
         root = lapack.dtrtri(factor)[0]
         return np.asarray(mean), np.asarray(root @ root.T), loud
 
