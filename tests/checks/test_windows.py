@@ -83,7 +83,7 @@ def test_a_fault_has_channel_joint_and_time(hyq: Robot, trot: Recording, name: s
     assert any(joint in first.message for joint in hyq.tree.joints)
 
 
-def test_missing_samples_are_left_out_and_change_no_encoder(hyq: Robot, trot: Recording) -> None:
+def test_missing_samples_are_worth_a_note_and_change_no_encoder(hyq: Robot, trot: Recording) -> None:
     """A tenth of a second is lost in the middle, without a gap in the stamps: the joints jump together."""
     middle, lost = len(trot) // 2, round(0.1 / np.median(np.diff(trot.time)))
     kept = np.delete(np.arange(len(trot)), np.arange(middle, middle + lost))
@@ -92,6 +92,15 @@ def test_missing_samples_are_left_out_and_change_no_encoder(hyq: Robot, trot: Re
     assert "several joints jump at once: samples are missing" in found.message
     assert not found.spans
     assert found.at == pytest.approx(trot.time[middle], abs=0.05)
+
+
+def test_a_leg_whose_encoders_jump_together_is_no_gap(hyq: Robot, trot: Recording) -> None:
+    """As after a reset of its bus: no joint of another leg jumps."""
+    position = trot.position.copy()
+    position[len(trot) // 2 :, [trot.index(joint) for joint in hyq.leg("RF").joints]] += 0.1
+    found = window_faults(replace(trot, position=position), hyq)
+    assert len(found) == 3
+    assert all(fault.lasting and "jumps by" in fault.message for fault in found)
 
 
 def test_velocities_taken_for_another_unit_are_named(hyq: Robot, trot: Recording) -> None:

@@ -130,7 +130,7 @@ def slipping(measurement: Measurement) -> Measurement:
         (with_two_feet, "only 2 feet carry (LF, RH), 3 are needed"),
         (turning, "the trunk turns"),
         (stepping, "joint 'rf_kfe_joint' moves"),
-        (accelerating, "m/s² off gravity"),
+        (accelerating, "specific force changes by +0.26 m/s²"),
         (saturated, "the torque of joint 'rf_hfe_joint' is at its limit"),
         (slipping, "foot RF slipped by"),
     ],

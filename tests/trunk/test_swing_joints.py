@@ -67,7 +67,7 @@ def test_joints_are_found_and_wild_rows_left_out(wild: float) -> None:
 def test_more_strides_tell_no_more_of_a_law_that_errs_in_each() -> None:
     """Of fifty rows of a joint the noise still counts, then what repeats."""
     swings = [swung(blocks, 0.1) for blocks in (60, 240, 480)]
-    few, many, more = (np.sqrt(np.diag(swing.posterior(alike=True)[1])) for swing in swings)
+    few, many, more = (np.sqrt(np.diag(swing.posterior(strides_alike=True)[1])) for swing in swings)
     seen = slice(PLACES["viscous"].start, PLACES["viscous"].start + 6)
     assert (many[seen] < 0.9 * few[seen]).all()
     assert more[seen] == pytest.approx(many[seen], rel=0.05)

@@ -208,7 +208,7 @@ class WindowLimits:
     # step of a position beyond the velocity [rad]; undone: samples within which the end of a spike reverses it
     jump: float = 0.03
     undone: int = 8
-    together: int = 3  # joints that jump within so many samples only where samples are missing
+    together: int = 3  # joints of several legs that jump within so many samples only where samples are missing
     # number of samples that may be lost or late without a gap in the stamps, during which a joint moves on; a real Mini
     # Cheetah's log loses up to five
     late: float = 5.0

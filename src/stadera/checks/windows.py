@@ -5,7 +5,7 @@ Joint by joint, in windows of a second:
 - velocity against change of position. Over steps of T = 20 ms, D = Δq / T and M = ∫ q̇ dt / T are equal except for
   noise. Their correlation ρ = Σ DM / √(Σ D² Σ M²) and gain g = Σ DM / Σ D² are 1 wherever the joint moves.
 - jump of the position: a single step of q that is missing in ∫ q̇ dt, and that is not reversed soon after. Where three
-  joints or more jump at once, samples are missing, and no encoder's zero is another afterwards.
+  joints or more of several legs jump at once, samples are missing, and no encoder's zero is another afterwards.
 - impossible torque: several times the drive's limit, or above it and apart from all others of the joint.
 - clipped torque: a signal that changes with every sample elsewhere but repeats its maximum bit for bit.
 - torque that is only noise: means over 5 and 20 ms are uncorrelated, while those of the other torques are correlated.
@@ -14,8 +14,9 @@ Velocity, jumps and noise are looked at where the samples resolve the motion: be
 turns by 0.1 to 0.3 rad that no velocity shows, and a hip's torque changes at will.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from typing import Self
 
 import numpy as np
@@ -33,6 +34,8 @@ from stadera.robot.shapes import FLAT
 from stadera.trust import Verdict
 from stadera.types import Array, Bools
 
+_Jump = tuple[str, float, float]  # joint, time [s], size [rad]
+_Wrong = tuple[str, str, tuple[tuple[float, float], ...]]  # joint, how its velocity is wrong, and when
 _UNLIKE, _SCALED = "not the change of position", "{:.2g} times the change of position"
 
 
@@ -79,14 +82,10 @@ def window_faults(recording: Recording, robot: Robot, limits: WindowLimits | Non
     resolved = _resolved(recording.channel("position", joints), limits)
     found: list[Finding] = []
     if recording.velocity is not None and resolved:
-        alike: _Alike = {}
-        for k in range(0, len(joints), limits.at_once):
-            found += _velocity(recording, joints[k : k + limits.at_once], windows, limits, alike)
-        found = _without_gaps(found, limits, limits.undone * float(np.median(np.diff(recording.time))))
-        for (text, spans), names in alike.items():
-            whose = listed([*map(repr, names)], 3)
-            said = f"the velocities of {whose} are {text}" if names[1:] else f"the velocity of {whose} is {text}"
-            found.append(Finding("velocity", said, spans=spans))
+        some = (joints[k : k + limits.at_once] for k in range(0, len(joints), limits.at_once))
+        jumps, wrong = zip(*(_by_velocity(recording, names, windows, limits) for names in some), strict=True)
+        near = limits.undone * float(np.median(np.diff(recording.time)))
+        found += [*_of_jumps([*chain(*jumps)], robot, near, limits), *_of_velocities(chain(*wrong))]
     if recording.effort is not None:
         effort = recording.channel("effort", joints)
         for check in (_beyond, _clipped):
@@ -96,15 +95,30 @@ def window_faults(recording: Recording, robot: Robot, limits: WindowLimits | Non
     return tuple(found)
 
 
-def _without_gaps(found: Sequence[Finding], limits: WindowLimits, near: float) -> list[Finding]:
-    """One finding, which is worth a note, in place of jumps of several joints within a time [s]."""
-    jumps = np.array([fault.spans[0][0] if fault.lasting else np.inf for fault in found])
-    at_once = [np.isfinite(at) and np.count_nonzero(np.abs(jumps - at) <= near) >= limits.together for at in jumps]
-    if not any(at_once):
-        return list(found)
-    at = float(jumps[at_once].min())
-    missing = Finding("position", "positions of several joints jump at once: samples are missing", at=at)
-    return [missing, *(fault for fault, gap in zip(found, at_once, strict=True) if not gap)]
+def _of_jumps(jumps: Sequence[_Jump], robot: Robot, near: float, limits: WindowLimits) -> Iterator[Finding]:
+    """Findings of jumps; those within a time [s] of each other, in several legs, are one that is worth a note."""
+    leg_of, missing = {joint: leg.name for leg in robot.legs for joint in leg.joints}, list[float]()
+    for joint, at, size in jumps:
+        others = [leg_of.get(name) for name, when, _ in jumps if abs(when - at) <= near]
+        if len(others) >= limits.together and len(set(others)) > 1:
+            missing.append(at)
+        else:
+            text = f"the position of {joint!r} jumps by {size:.2g} rad"
+            yield Finding("position", text, spans=((at, at),), lasting=True)
+    if missing:
+        text = "positions of several joints jump at once: samples are missing"
+        yield Finding("position", text, at=min(missing))
+
+
+def _of_velocities(wrong: Iterable[_Wrong]) -> Iterator[Finding]:
+    """One finding for all joints whose velocities are wrong in the same way at the same times."""
+    alike: dict[tuple[str, tuple[tuple[float, float], ...]], list[str]] = {}
+    for joint, text, spans in wrong:
+        alike.setdefault((text, spans), []).append(repr(joint))
+    for (text, spans), names in alike.items():
+        whose = listed(names, 3)
+        said = f"the velocities of {whose} are {text}" if names[1:] else f"the velocity of {whose} is {text}"
+        yield Finding("velocity", said, spans=spans)
 
 
 def _resolved(position: Array, limits: WindowLimits) -> bool:
@@ -136,14 +150,10 @@ def with_verdicts(
             yield fault, "bad"
 
 
-_Alike = dict[tuple[str, tuple[tuple[float, float], ...]], list[str]]
-"""Joints whose velocities are wrong in the same way at the same times."""
-
-
-def _velocity(
-    recording: Recording, joints: tuple[str, ...], windows: Windows, limits: WindowLimits, alike: _Alike
-) -> Iterator[Finding]:
-    """Yields the jumps of these joints' positions, and adds the joints whose velocities are wrong."""
+def _by_velocity(
+    recording: Recording, joints: tuple[str, ...], windows: Windows, limits: WindowLimits
+) -> tuple[list[_Jump], list[_Wrong]]:
+    """Jumps of these joints' positions, and velocities that are not the change of the positions."""
     time, q = recording.time, recording.channel("position", joints)
     step = np.diff(time)[:, None]
     v = recording.channel("velocity", joints)
@@ -167,13 +177,14 @@ def _velocity(
     unlike = still | (correlation < limits.correlation)
     scaled = ~unlike & ((gain < limits.gain[0]) | (gain > limits.gain[1]))
     wrong_anywhere = (moving & (unlike | scaled)).sum(axis=0) > 1
-    yield from _jumps(np.where(wrong_anywhere, 0.0, q - way), np.diff(way, axis=0), time, joints, limits)
+    jumps = list(_jumps(np.where(wrong_anywhere, 0.0, q - way), np.diff(way, axis=0), time, joints, limits))
+    found: list[_Wrong] = []
     for j, joint in enumerate(joints):
         for wrong, said in ((unlike, _UNLIKE), (scaled, _SCALED)):
             chosen = moving[:, j] & wrong[:, j]
             if chosen.any():
-                text = said.format(float(np.median(gain[chosen, j])))
-                alike.setdefault((text, windows.spans(chosen)), []).append(joint)
+                found.append((joint, said.format(float(np.median(gain[chosen, j]))), windows.spans(chosen)))
+    return jumps, found
 
 
 def _white(values: Array, limits: WindowLimits) -> Array:
@@ -190,9 +201,9 @@ def _usual(values: Array, limits: WindowLimits) -> Array:
     return np.asarray(np.median(values, axis=0))
 
 
-def _jumps(apart: Array, way: Array, time: Array, joints: tuple[str, ...], limits: WindowLimits) -> Iterator[Finding]:
-    """Yields steps of the position that the velocity lacks, except spikes, whose end reverses their beginning: of
-    `apart` (samples, n), position minus ∫ q̇ dt [rad], with steps `way` of the latter (samples - 1, n).
+def _jumps(apart: Array, way: Array, time: Array, joints: tuple[str, ...], limits: WindowLimits) -> Iterator[_Jump]:
+    """Yields each joint's first step of the position that the velocity lacks, except spikes, whose end reverses their
+    beginning: of `apart` (samples, n), position minus ∫ q̇ dt [rad], with steps `way` of the latter (samples - 1, n).
     """
     step, gaps = np.diff(apart, axis=0), np.diff(time)
     usual, period = _usual(np.abs(step), limits), np.median(gaps)
@@ -204,8 +215,7 @@ def _jumps(apart: Array, way: Array, time: Array, joints: tuple[str, ...], limit
             before, later = max(k - limits.undone, 0), min(k + 1 + limits.undone, len(apart) - 1)
             size, rest = float(step[k, j]), float(apart[later, j] - apart[before, j])
             if limits.kept < rest / size < 1.0 / limits.kept:
-                text, at = f"the position of {joint!r} jumps by {rest:.2g} rad", float(time[k])
-                yield Finding("position", text, spans=((at, at),), lasting=True)
+                yield joint, float(time[k]), rest
                 break
 
 

@@ -165,9 +165,8 @@ class LegScore:
         return {joint: float(np.mean(error[:, k] > beyond * rmse[joint])) for k, joint in enumerate(self.joints)}
 
     def excess(self, least: float) -> dict[str, float]:
-        """By how many standard deviations the identified model's squared error exceeds that of an error larger than CAD
-        with friction has by a share `least`, in the first minute, by joint, and of all joints together under the name
-        "".
+        """By how many standard deviations the identified model's squared error exceeds that of CAD with friction, whose
+        errors are enlarged by a share `least`, in the first minute, by joint, and of all joints together as "".
 
         The mean of the differences x of squared errors has the variance var(x) τ / n, with τ samples of them worth one.
         """

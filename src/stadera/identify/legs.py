@@ -91,20 +91,35 @@ def identify(
     fitted = tuple(map(admitted, as_logs(logs)))
     evaluated = None if validation is None else tuple(map(admitted, as_logs(validation)))
     require_distinct((*fitted, *(evaluated or ())), guard.joints)
-    for log in evaluated or ():
-        check_feet(head(log, guard.joints), model, wanted, asked, "legs are validated")
     on_feet = tuple(log for log in fitted if stands(log, model, wanted, asked))
     forced = tuple(str(finding) for log in fitted for finding in guard.units(log)) if force else ()
     in_air = tuple(log for log in fitted if log not in on_feet)
+    _check_in_air(guard, wanted, asked, () if force else in_air, evaluated or (), fitted=bool(in_air))
     if not in_air:
-        if evaluated:
-            what = "only torques of legs in the air are validated, and no log with such is fitted"
-            raise RecordingError(f"{evaluated[0].source}: {what}")
         return _from_feet(model, on_feet, wanted, asked, watch, forced, memory)
-    for log in () if force else in_air:
-        check_motors(head(log, guard.joints), model, wanted, asked)
     job = prepare(model, in_air, asked, watch)
     return _identified(replace(job, doubts=(*forced, *job.doubts)), in_air, on_feet, evaluated, memory)
+
+
+def _check_in_air(
+    guard: Guard,
+    wanted: tuple[str, ...],
+    asked: IdentifySettings,
+    logs: Sequence[LogFile | Recording],
+    evaluated: Sequence[LogFile | Recording],
+    *,
+    fitted: bool,
+) -> None:
+    """Raises UntrustedError if motors of one of the logs are off, and RecordingError if one for validation is of a
+    robot on its feet, or if no log of legs in the air is `fitted`, whose torques alone are validated.
+    """
+    for log in evaluated:
+        check_feet(head(log, guard.joints), guard.robot, wanted, asked, "legs are validated")
+        if not fitted:
+            what = "only torques of legs in the air are validated, and no log with such is fitted"
+            raise RecordingError(f"{log.source}: {what}")
+    for log in logs:
+        check_motors(head(log, guard.joints), guard.robot, wanted, asked)
 
 
 def _from_feet(

@@ -218,7 +218,7 @@ class ModelFit:
     def of_drives(self, history: History) -> Errors:
         """The same errors with strides in the air alike, as those under load are."""
         rows = history.total if self.fit is not None else None
-        return Errors(self.model, self.swing, self.sizes.factors, rows, gravity=self._gravity, alike=True)
+        return Errors(self.model, self.swing, self.sizes.factors, rows, gravity=self._gravity, strides_alike=True)
 
     @property
     def misfit(self) -> float:

@@ -57,7 +57,7 @@ class Errors:
         learnt: errors that are estimated from `rows`, from the first one on; the rest is considered. None for those
             of the model's layout.
         gravity: what a robot at rest tells, see `AtRest.known`.
-        alike: see `SwingJoints.posterior`.
+        strides_alike: see `SwingJoints.posterior`.
 
     Attributes:
         layout: places of the errors.
@@ -76,14 +76,14 @@ class Errors:
         learnt: slice | None = None,
         gravity: Array | None = None,
         *,
-        alike: bool = False,
+        strides_alike: bool = False,
     ) -> None:
         self.layout = model.layout
         self._offsets, self._drift, self._alike = model.layout.places["offset"], model.drift, model.renewed
         self._friction, self._law = model.layout.at("coulomb", "load_friction"), model.friction_law
         learnt, count, by_swing = learnt or self.layout.learnt, self.layout.count, self.layout.by_swing
         gain, stuck = self.layout.places["gain"], self.layout.sticking
-        joints, covariance = swing.posterior(None if scale is None else scale[by_swing], alike=alike)
+        joints, covariance = swing.posterior(None if scale is None else scale[by_swing], strides_alike=strides_alike)
         scale = np.ones(count) if scale is None else scale
         sticking, variance = model.scaled(scale)
         self.scatter = 1.0

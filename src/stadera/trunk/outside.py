@@ -256,8 +256,9 @@ def with_test_weight(
         given = np.full(6, np.nan)
     if not (given.shape == (6,) and np.isfinite(given).all() and given[0] > 0.0 and (given[1:3] >= 0.0).all()):
         raise IdentificationError(f"a test weight needs a mass above zero and x, y, z; got {mass!r} kg, {com!r}")
+    mass, mass_std, com_std, *centre = given.tolist()
     slope, four, count = np.diag([1.0, mass, mass, mass]), np.eye(4, 10), ErrorLayout.of(robot).count
-    slope[1:, 0] = given[3:]
+    slope[1:, 0] = centre
     covariance = slope @ np.diag([mass_std**2, *[com_std**2] * 3]) @ slope.T + 1e-12 * np.eye(4)
-    moments = np.array([mass, *(mass * given[3:])])
+    moments = np.array([mass, *(mass * np.array(centre))])
     return Knowledge("the test weight", moments, covariance, np.zeros((4, count)), ((load, four), (tare, -four)))

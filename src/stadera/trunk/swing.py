@@ -169,14 +169,15 @@ class SwingJoints:
         _, _, loud = self._usual
         return self._normal / loud, self._right / loud
 
-    def posterior(self, scale: Array | None = None, *, alike: bool = False) -> tuple[Array, Array]:
+    def posterior(self, scale: Array | None = None, *, strides_alike: bool = False) -> tuple[Array, Array]:
         """Mean and covariance of the errors that swing rows determine, `ErrorLayout.by_swing`.
 
         Args:
             scale: factors (count,) on the prior's standard deviations; None for one.
-            alike: whether strides are, as a friction law errs: more than `strides` rows of a joint tell nothing new.
+            strides_alike: whether a friction law errs alike in all: more than `strides` rows of a joint tell nothing
+                new.
         """
-        strides = self.rows / (self._settings.strides * len(self._each)) if alike else 1.0
+        strides = self.rows / (self._settings.strides * len(self._each)) if strides_alike else 1.0
         if scale is None and strides <= 1.0:
             return self._usual[:2]
         return self._least_squares(np.ones(len(self._right)) if scale is None else scale, max(strides, 1.0))[:2]

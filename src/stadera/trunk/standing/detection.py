@@ -192,10 +192,8 @@ class StaticDetector:
             self._vertical, self._size = force, size
         else:
             share = dt / (self.limits.vertical_time + dt)
-            self._vertical, self._size = (
-                self._vertical + share * (force - self._vertical),
-                self._size + share * (size - self._size),
-            )
+            self._vertical = self._vertical + share * (force - self._vertical)
+            self._size += share * (size - self._size)
 
     def _velocity_share(self, dt: float) -> float:
         """α for joint velocities, with which noise of `noise_share` standard deviations just reaches the limit."""
@@ -224,9 +222,11 @@ class StaticDetector:
             joint = int(speed.argmax())
             return f"joint {self._joints[joint]!r} moves at {speed[joint]:.3f} rad/s, more than {limits.joint_velocity}"
         size = sqrt(ax * ax + ay * ay + az * az)
-        push = size - self._size if abs(size - GRAVITY) < limits.gravity * GRAVITY else size - GRAVITY
+        off, push = size - GRAVITY, size - self._size
+        if abs(off) > limits.gravity * GRAVITY and not m.vertical_by_forces:
+            return f"the trunk accelerates: specific force {off:+.2f} m/s² off gravity"
         if abs(push) > limits.specific_force and not m.vertical_by_forces:
-            return f"the trunk accelerates: specific force {push:+.2f} m/s² off gravity"
+            return f"the trunk accelerates: specific force changes by {push:+.2f} m/s²"
         return self._slipped(m, forces)
 
     def _pushed(self, *, by_forces: bool) -> str:
