@@ -32,16 +32,13 @@ LAG = "torque_lag"
 
 
 def rows_of(task: LegTask, chunk: Processed, trunk: TrunkMotion) -> Iterator[Rows]:
-    """Yields one set of rows for each joint of a leg, in N·m with unit noise."""
+    """Yields one set of rows for each joint of a leg, in N·m with unit noise, with the remaining lag δ of the torques:
+    Y θ = τ(t - δ), so Y θ + τ̇ δ = τ.
+    """
     index = [chunk.joints.index(joint) for joint in task.leg.joints]
     assert chunk.effort is not None
     motion = JointMotion(chunk.position[:, index], chunk.velocity[:, index], chunk.acceleration[:, index])
-    return task.rows(motion, chunk.effort[:, index], trunk)
-
-
-def _late_rows(task: LegTask, chunk: Processed, trunk: TrunkMotion) -> Iterator[Rows]:
-    """The same, with the remaining lag δ of the torques: Y θ = τ(t - δ), so Y θ + τ̇ δ = τ."""
-    for rows in rows_of(task, chunk, trunk):
+    for rows in task.rows(motion, chunk.effort[:, index], trunk):
         rate = np.gradient(rows.target, chunk.time) if len(chunk) > 1 else np.zeros(len(chunk))
         mixing = rows.mixing
         if mixing is not None:
@@ -58,8 +55,9 @@ def speed(task: LegTask, chunk: Processed) -> Array:
 
 
 def predicted(rows: Rows, parameters: Mapping[str, float]) -> Array:
-    """Torque predicted from parameters, (samples,)."""
-    return rows.predict(np.array([parameters[c] for c in rows.columns]))
+    """Torque predicted from parameters without a remaining lag, (samples,)."""
+    known = {LAG: 0.0} | dict(parameters)
+    return rows.predict(np.array([known[c] for c in rows.columns]))
 
 
 def residual_noise(
@@ -170,8 +168,8 @@ class LegScore:
 
         The mean of the differences x of squared errors has the variance var(x) τ / n, with τ samples of them worth one.
         """
-        measured = np.concatenate([m for _, m, _ in self.kept])
-        found, cad = (np.concatenate([p[k] for _, _, p in self.kept]) for k in ("identified", "prior_friction"))
+        _, measured, models = self._first_minute
+        found, cad = models["identified"], models["prior_friction"]
         worse = (measured - found) ** 2 - ((1.0 + least) * (measured - cad)) ** 2
         series = {"": worse.sum(axis=1)} | dict(zip(self.joints, worse.T, strict=True))
         stds = {k: float(x.std()) * np.sqrt(correlation_length(x) / len(x)) for k, x in series.items()}
@@ -179,11 +177,15 @@ class LegScore:
 
     def trace(self, part: str) -> TorqueTrace:
         """Torques over the first minute, thinned out."""
-        time = np.concatenate([t for t, _, _ in self.kept])
-        measured = np.concatenate([m for _, m, _ in self.kept])
-        models = {k: np.concatenate([p[k] for _, _, p in self.kept]) for k in self.squares}
+        time, measured, models = self._first_minute
         every = max(1, -(-len(time) // TRACE_SAMPLES))
         return TorqueTrace(part, time[::every], measured[::every], {k: v[::every] for k, v in models.items()})
+
+    @property
+    def _first_minute(self) -> tuple[Array, Array, dict[str, Array]]:
+        time, measured, predicted = zip(*self.kept, strict=True)
+        models = {name: np.concatenate([p[name] for p in predicted]) for name in predicted[0]}
+        return np.concatenate(time), np.concatenate(measured), models
 
     def add(self, chunk: Processed, trunk: TrunkMotion, drop_below: float) -> None:
         """Evaluates the models on one more chunk."""
@@ -209,60 +211,30 @@ class LegScore:
             self.kept.append((chunk.time[early], measured[early], {k: v[early] for k, v in guesses.items()}))
 
 
-def smoothed_rows(
-    task: LegTask,
-    part: Part,
-    trunk: TrunkMotion,
-    cutoff_hz: float | None,
-    drop_below: float,
-    made: Callable[[LegTask, Processed, TrunkMotion], Iterator[Rows]] = rows_of,
-) -> Iterator[tuple[Array, tuple[Rows, ...]]]:
-    """Yields times [s] and one set of rows for each joint of a leg, `made` of each chunk, in N·m with unit noise.
+def smoothed_rows(job: Job, task: LegTask, part: Part) -> Iterator[tuple[Array, tuple[Rows, ...]]]:
+    """Yields times [s] and one set of rows for each joint of a leg, in N·m with unit noise, filtered as the job says.
 
-    The part includes its samples at rest, since a filter must not run across gaps; `cutoff_hz` is that of the rows,
-    None for no filter. Rows in which all joints are slower than `drop_below` [rad/s] are removed after filtering.
+    The part includes its samples at rest, since a filter must not run across gaps. Rows in which all joints are slower
+    than `Job.drop_below` are removed after filtering.
     """
-    for stream in part.streams():
-        for first in stream:  # the stream goes on inside
-            chunks = chain([first], stream)
-            if cutoff_hz is not None:
-                yield from _filtered(task, chunks, trunk, first.report.rate_hz, cutoff_hz, drop_below, made)
-                continue
-            for chunk in chunks:
-                moving = speed(task, chunk) >= drop_below
-                every = made(task, chunk, trunk)
-                yield chunk.time[moving], tuple(r.replaced(r.reduced[moving], r.target[moving]) for r in every)
-
-
-def _filtered(
-    task: LegTask,
-    chunks: Iterator[Processed],
-    trunk: TrunkMotion,
-    rate_hz: float,
-    cutoff_hz: float,
-    drop_below: float,
-    made: Callable[[LegTask, Processed, TrunkMotion], Iterator[Rows]],
-) -> Iterator[tuple[Array, tuple[Rows, ...]]]:
     kinds: list[Rows] = []
 
-    def stacked() -> Iterator[tuple[Array, Array]]:
+    def stacked(chunks: Iterable[Processed]) -> Iterator[tuple[Array, Array]]:
         for chunk in chunks:
-            every = list(made(task, chunk, trunk))
-            kinds[:] = every
-            sides = [side for rows in every for side in (rows.reduced, rows.target[:, None])]
+            kinds[:] = rows_of(task, chunk, job.trunk)
+            sides = [side for rows in kinds for side in (rows.reduced, rows.target[:, None])]
             yield chunk.time, np.concatenate([*sides, speed(task, chunk)[:, None]], axis=1)
 
-    for time, values in smooth_rows(stacked(), rate_hz, cutoff_hz):
-        moving = values[:, -1] >= drop_below
-        values = values[moving]
-        edges = np.cumsum([0, *(kind.reduced.shape[1] + 1 for kind in kinds)])
-        yield (
-            time[moving],
-            tuple(
-                kind.replaced(values[:, start : stop - 1], values[:, stop - 1])
-                for kind, start, stop in zip(kinds, edges[:-1], edges[1:], strict=True)
-            ),
-        )
+    for stream in part.streams():
+        for first in stream:  # the stream goes on inside
+            sides = stacked(chain([first], stream))
+            if job.rows_cutoff is not None:
+                sides = smooth_rows(sides, first.report.rate_hz, job.rows_cutoff)
+            for time, values in sides:
+                moving = values[:, -1] >= job.drop_below
+                ends = np.cumsum([kind.reduced.shape[1] + 1 for kind in kinds])[:-1]
+                each = zip(kinds, np.split(values[moving, :-1], ends, axis=1), strict=True)
+                yield time[moving], tuple(kind.replaced(own[:, :-1], own[:, -1]) for kind, own in each)
 
 
 @dataclass(frozen=True, eq=False)
@@ -297,8 +269,8 @@ def with_varying_friction(job: Job, training: Part) -> Job:
     for task in job.tasks:
         joints = task.leg.joints
         tried = task.with_varying(job.robot, dict.fromkeys(joints, asked.tried), width)
-        rows = smoothed_rows(tried, training, job.trunk, job.rows_cutoff, job.drop_below)
-        found = varying_friction(rows, joints, tried.prior, task.fixed, asked)
+        known = dict(task.fixed) | {LAG: 0.0}
+        found = varying_friction(smoothed_rows(job, tried, training), joints, tried.prior, known, asked)
         tasks.append(task.with_varying(job.robot, found, width))
         notes += [
             f"friction of {joint} builds up over {1e3 * f.travel:.2g} mrad of travel after a reversal: held-out torque "
@@ -315,7 +287,7 @@ def gather(job: Job, training: Part, solve: Callable[[Sequence[Gathered]], Seque
     """
     gathered, out = _summed(job, training), []
     for done, (task, data, estimate) in enumerate(zip(job.tasks, gathered, solve(gathered), strict=True)):
-        parameters = dict(task.fixed) | estimate.by_name() | {LAG: 0.0}
+        parameters = dict(task.fixed) | estimate.by_name()
         joints = task.leg.joints
         noise = residual_noise(_rows(job, task, training), joints, [parameters] * len(joints), [0] * len(joints))
         out.append(replace(data, noise=noise[0], correlation=noise[1]))
@@ -349,19 +321,16 @@ def information_of(job: Job, part: Part, gathered: Sequence[Gathered]) -> list[I
 
 
 def _rows(job: Job, task: LegTask, training: Part) -> Iterator[tuple[Rows, ...]]:
-    return (rows for _, rows in smoothed_rows(task, training, job.trunk, job.rows_cutoff, job.drop_below, _late_rows))
+    return (rows for _, rows in smoothed_rows(job, task, training))
 
 
-def _summed_up(chunks: Iterable[tuple[Rows, ...]], task: LegTask, together: int = 8) -> tuple[Information, ...]:
-    """Sums up the information of each of a leg's joints, so many chunks at a time."""
+def _summed_up(chunks: Iterable[tuple[Rows, ...]], task: LegTask) -> tuple[Information, ...]:
+    """Sums up the information of each of a leg's joints."""
     columns = (*task.columns, LAG)
-    pending: list[list[Information]] = [[Information.empty(columns)] for _ in task.leg.joints]
+    found = [Information.empty(columns)] * len(task.leg.joints)
     for every in chunks:
-        for waiting, rows in zip(pending, every, strict=True):
-            waiting.append(Information.of([rows], columns))
-            if len(waiting) >= together:
-                waiting[:] = [reduce(Information.merge, waiting)]
-    return tuple(reduce(Information.merge, waiting) for waiting in pending)
+        found = [known.merge(Information.of([rows], columns)) for known, rows in zip(found, every, strict=True)]
+    return tuple(found)
 
 
 def _joint_terms(task: LegTask, by_joint: Sequence[Information]) -> dict[str, float]:

@@ -7,6 +7,7 @@ residuals' correlation (for real joints they are far from white), summed up once
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial, reduce
+from itertools import chain
 from os import PathLike
 
 import numpy as np
@@ -142,7 +143,7 @@ def _from_feet(
     known = _recalled(robot, memory) if all(log.memory for log in floats) else None
     informations = [_floating_information(task, floats, Information.empty(task.prior.columns), known) for task in tasks]
     posed = [(task.leg, found, task.prior) for task, found in zip(tasks, informations, strict=True)]
-    agreement = _agreement(tasks, [log.source for log in floats], [], floats)
+    agreement = _agreement(tasks, [], [], floats)
     solved = solve_legs(posed, asked.method, asked.spread, asked.solver, progress)
     estimates = [_widened(found, agreement) for found in solved]
     legs = tuple(
@@ -222,8 +223,8 @@ def _identified(
         kept, said = remembered(job.robot, memory, days_of(time_span(fitted[0], job.joints)[0]), known)
     recalled = None if kept is None else _recalled(job.robot, memory)
     floats = [floating_log(job.robot, log, job.progress, job.settings.width.mass) for log in on_feet]
-    compared = (training, None if evaluated else held_back)  # what only validates widens no bar
-    agreement = _agreed(job, fitted, compared, gathered, floats)
+    compared = None if evaluated else held_back  # what only validates widens no bar
+    agreement = _agreed(job, fitted, training, compared, gathered, floats)
     estimates = [_widened(found, agreement) for found in _solve(job, gathered, floats, recalled)]
     legs, samples = _scored_legs(job, gathered, estimates, training, held_back)
     alike = "each joint's rotor inertia and friction draw on the other legs', as far as the log shows drives alike"
@@ -260,41 +261,35 @@ def _moving(job: Job, training: Part) -> tuple[Job, tuple[str, ...]]:
 def _agreed(
     job: Job,
     logs: Sequence[LogFile | Recording],
-    parts: tuple[Part, Part | None],
+    training: Part,
+    held_back: Part | None,
     gathered: Sequence[Gathered],
     floats: Sequence[FloatingLog],
 ) -> Agreement | None:
     """Agreement of each log with the others, or of the beginning of a single one with the rest."""
-    names, compared = _compared_parts(job, logs, *parts)
-    if len(compared) > 2 or names[0].startswith("log "):
-        # a log has noise of its own, that its own solution leaves, in which the difference from others is not
-        known = []
-        for part in compared:
-            own = gather(job, part, partial(_solve, job))
-            known.append([data.whitened(task.fixed) for task, data in zip(job.tasks, own, strict=True)])
-    else:
-        known = [information_of(job, part, gathered) for part in compared]
-    return _agreement(job.tasks, [*names, *(log.source for log in floats)], known, floats)
-
-
-def _compared_parts(
-    job: Job, logs: Sequence[LogFile | Recording], training: Part, held_back: Part | None
-) -> tuple[list[str], list[Part]]:
-    """Parts to compare: each log, or the beginning and the rest of a single one."""
-    rest = () if held_back is None else held_back.stretches
     held = () if held_back is None else (held_back,)
     if len(training.stretches) > 1:
         stretches: dict[int, list[Section]] = {}
-        for stretch in (*training.stretches, *rest):
+        for stretch in chain(training.stretches, *(part.stretches for part in held)):
             stretches.setdefault(id(stretch.log), []).append(stretch)
         names = [f"log {k + 1} ({own[0].log.source})" for k, own in enumerate(stretches.values())]
-        return names, [training.of(own, *held) for own in stretches.values()]
-    if not rest:
-        start, stop = time_span(logs[0], job.joints)
-        own, middle = training.stretches[0], 0.5 * (start + stop)
-        halves = replace(own, stop=middle), replace(own, start=middle)
-        return ["the first half", "the second half"], [training.of([half]) for half in halves]
-    return ["the first part", "the rest"], [training, *held]
+        known = []
+        for sections in stretches.values():
+            # a log has noise of its own, that its own solution leaves, in which the difference from others is not
+            own = gather(job, training.of(sections, *held), partial(_solve, job))
+            known.append([data.whitened(task.fixed) for task, data in zip(job.tasks, own, strict=True)])
+        return _agreement(job.tasks, names, known, floats)
+    if held:
+        names, parts = ["the first part", "the rest"], [training, *held]
+    else:
+        (section,), (start, stop) = training.stretches, time_span(logs[0], job.joints)
+        middle = 0.5 * (start + stop)
+        names, halves = (
+            ["the first half", "the second half"],
+            (replace(section, stop=middle), replace(section, start=middle)),
+        )
+        parts = [training.of([half]) for half in halves]
+    return _agreement(job.tasks, names, [information_of(job, part, gathered) for part in parts], floats, daily=True)
 
 
 def _agreement(
@@ -302,15 +297,21 @@ def _agreement(
     names: Sequence[str],
     informations: Sequence[Sequence[Information]],
     floats: Sequence[FloatingLog],
+    *,
+    daily: bool = False,
 ) -> Agreement | None:
-    """Between parts of legs in the air, with `informations` by part and leg, and logs on its feet."""
+    """Between parts of legs in the air, with `informations` by part and leg, and logs on its feet; of a single log also
+    in what is `daily`, the torque offsets.
+    """
+    names = [*names, *(log.source for log in floats)]
     if len(names) < 2:
         return None
-    single = not floats and len(informations) == 2 and not names[0].startswith("log ")
     legs = []
     for k, task in enumerate(tasks):
-        lasting = [c for c in task.prior.columns if not c.endswith(".offset")]
-        own = [part[k] if single else part[k].marginal(lasting) for part in informations]
+        own = [part[k] for part in informations]
+        if floats or not daily:
+            lasting = [c for c in task.prior.columns if not c.endswith(".offset")]
+            own = [part.marginal(lasting) for part in own]
         legs.append(([*own, *(log.of_leg(task.leg.name, task.fixed, offsets=False) for log in floats)], task.prior))
     return Agreement.of(names, legs)
 
@@ -329,20 +330,18 @@ def _scored_legs(
     held_back: Part | None,
 ) -> tuple[tuple[LegIdentification, ...], int]:
     """Results of the requested legs, evaluated on both parts, and the largest number of moving samples."""
-    wanted = range(job.wanted)
-    scores = {"training": [_unscored(job, job.tasks[k], gathered[k], estimates[k]) for k in wanted]}
+    parts = {"training": ("scoring", training)}
     if held_back is not None:
-        scores["validation"] = [_unscored(job, job.tasks[k], gathered[k], estimates[k]) for k in wanted]
-    for what, part, found in zip(("scoring", "validating"), (training, held_back or ()), scores.values(), strict=False):
+        parts["validation"] = "validating", held_back
+    wanted = list(zip(job.tasks, gathered, estimates, strict=True))[: job.wanted]
+    scores = [{part: _unscored(job, *leg) for part in parts} for leg in wanted]
+    for name, (what, part) in parts.items():
         for done, chunk in enumerate(part):
-            for score in found:
-                score.add(chunk, job.trunk, job.drop_below)
+            for found in scores:
+                found[name].add(chunk, job.trunk, job.drop_below)
             job.progress(what, done + 1, 0)
-    legs = tuple(
-        _leg_result(job, job.tasks[k], gathered[k], estimates[k], {part: score[k] for part, score in scores.items()})
-        for k in wanted
-    )
-    return legs, max(score.samples for score in scores["training"])
+    legs = tuple(_leg_result(job, *leg, found) for leg, found in zip(wanted, scores, strict=True))
+    return legs, max(found["training"].samples for found in scores)
 
 
 def _unscored(job: Job, task: LegTask, data: Gathered, estimate: Estimate) -> LegScore:

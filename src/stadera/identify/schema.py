@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from stadera.body import FRICTION_TERMS
+from stadera.body import FRICTION_TERMS, FRICTION_UNITS
 from stadera.boundary import foreign, require_input
 from stadera.errors import ModelError, UntrustedError
 from stadera.identify.observability import Identifiability
@@ -27,17 +27,7 @@ from stadera.robot.model import JointDynamics, Robot
 from stadera.trunk.result import TrunkParameters
 
 _INERTIA = tuple(name.removeprefix("I") for name in ORDER[4:])
-UNITS = {
-    "mass": "kg",
-    "com": "m",
-    "inertia": "kg·m²",
-    "armature": "kg·m²",
-    "viscous": "N·m·s/rad",
-    "coulomb": "N·m",
-    "offset": "N·m",
-    "rmse": "N·m",
-    "torque_lag": "s",
-}
+UNITS = {"mass": "kg", "com": "m", "inertia": "kg·m²"} | FRICTION_UNITS | {"rmse": "N·m", "torque_lag": "s"}
 
 
 def identification_dict(result: Identification) -> dict[str, Any]:

@@ -77,7 +77,7 @@ class Estimate:
         )
 
 
-def null_space_solution(information: Information, prior: Prior, settings: SolverSettings | None = None) -> Estimate:
+def null_space_solution(information: Information, prior: Prior) -> Estimate:
     """Least squares in the directions that the data determine, CAD values in the others: the paper's eq. 5.
 
     φ = Y⁺ τ + N (φ_CAD - Y⁺ τ), with N the projector onto the null space of Y. Each parameter is measured in units of
@@ -86,8 +86,7 @@ def null_space_solution(information: Information, prior: Prior, settings: Solver
     prior count as null space; for data without noise this is the null space of the regressor. Parameters without
     influence on the data stay exactly at CAD.
     """
-    data, settings = _on(prior, information), settings or SolverSettings()
-    seen = observability(data, prior)
+    data, seen, held = _posed(information, prior)
     rank, directions = seen.rank, seen.directions
     gap = data.z - data.R @ prior.values
     x = directions[:rank].T @ ((seen.left[:, :rank].T @ gap) / seen.singular_values[:rank])
@@ -99,14 +98,13 @@ def null_space_solution(information: Information, prior: Prior, settings: Solver
     covariance = (scaled / (seen.singular_values**2 + 1.0)) @ scaled.T
     shared = scaled[:, :rank] @ ((seen.left[:, :rank].T @ data.G) / seen.singular_values[:rank, None])
     covariance += shared @ shared.T
-    verdicts = dict(zip(prior.columns, seen.verdicts(), strict=True))
-    held = [link for link in prior.links if verdicts[f"{link}.m"] is not Identifiability.OBSERVABLE]
     values = prior.values + prior.scales * x
     positive = signed(prior)
     rounding = (values[positive] < 0) & (values[positive] > -1e-9 * prior.scales[positive])
     values[positive] = np.where(rounding, 0.0, values[positive])
-    fixed = tuple(f"{link}.m" for link in held)
-    return Estimate(prior.columns, values, covariance, prior, seen, "null-space", shared, fixed)
+    return Estimate(
+        prior.columns, values, covariance, prior, seen, "null-space", shared, tuple(f"{link}.m" for link in held)
+    )
 
 
 def consistent_solution(information: Information, prior: Prior, settings: SolverSettings | None = None) -> Estimate:
@@ -120,10 +118,7 @@ def consistent_solution(information: Information, prior: Prior, settings: Solver
     the prior's coordinates the matrix inequality is 1 + D_i ⪰ margin, equally well scaled for any robot. The covariance
     is that of the unconstrained estimate. Raises IdentificationError: the solver found no solution.
     """
-    data, settings = _on(prior, information), settings or SolverSettings()
-    seen = observability(data, prior)
-    verdicts = dict(zip(prior.columns, seen.verdicts(), strict=True))
-    links = [link for link in prior.links if verdicts[f"{link}.m"] is not Identifiability.OBSERVABLE]
+    (data, seen, links), settings = _posed(information, prior), settings or SolverSettings()
     held = [prior.mass_coordinates[link] for link in links]
     free = [k for k in range(len(prior.columns)) if k not in held]
     root = prior.root[:, free]
@@ -143,8 +138,9 @@ def consistent_solution(information: Information, prior: Prior, settings: Solver
     moved = ahead - (scaled / weight**2) @ (s[:, None] * (U.T @ (data.R @ ahead)))
     shared = (scaled * (s / weight**2)) @ (U.T @ data.G)
     covariance = (scaled / weight**2) @ scaled.T + moved @ moved.T + shared @ shared.T
-    fixed = tuple(f"{link}.m" for link in links)
-    return Estimate(prior.columns, values, covariance, prior, seen, "consistent", shared, fixed)
+    return Estimate(
+        prior.columns, values, covariance, prior, seen, "consistent", shared, tuple(f"{link}.m" for link in links)
+    )
 
 
 def _constrained(
@@ -250,8 +246,12 @@ def signed(prior: Prior) -> list[int]:
     return [k for k, c in enumerate(prior.columns) if c.rsplit(".", 1)[1] in _NON_NEGATIVE]
 
 
-def _on(prior: Prior, information: Information) -> Information:
-    return information if information.names == prior.columns else information.marginal(prior.columns)
+def _posed(information: Information, prior: Prior) -> tuple[Information, Observability, list[str]]:
+    """The information on the prior's columns, what it determines of them, and the links whose masses it does not."""
+    data = information if information.names == prior.columns else information.marginal(prior.columns)
+    seen = observability(data, prior)
+    verdicts = dict(zip(prior.columns, seen.verdicts(), strict=True))
+    return data, seen, [k for k in prior.links if verdicts[f"{k}.m"] is not Identifiability.OBSERVABLE]
 
 
 @dataclass(frozen=True)
@@ -327,9 +327,6 @@ def with_scale(information: Information, std: float) -> Information:
     return replace(information, G=np.column_stack([information.G, std * information.z]))
 
 
-_SOLVERS = {"consistent": consistent_solution, "null-space": null_space_solution}
-
-
 def solve_legs(
     legs: Sequence[tuple[Leg, Information, Prior]],
     method: str,
@@ -348,7 +345,8 @@ def solve_legs(
         priors = [pooled_prior(leg, prior, drives, spread) for leg, _, prior in legs]
     out = []
     for done, ((_, information, _), prior) in enumerate(zip(legs, priors, strict=True)):
-        free = null_space_solution(information, prior, solver).by_name()
-        out.append(replace(_SOLVERS[method](information, prior, solver), unconstrained=free))
+        free = null_space_solution(information, prior)
+        found = free if method == "null-space" else consistent_solution(information, prior, solver)
+        out.append(replace(found, unconstrained=free.by_name()))
         progress("solving", done + 1, len(legs))
     return out

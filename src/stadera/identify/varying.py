@@ -239,31 +239,26 @@ def _chosen(evidence: _Evidence, settings: VaryingSettings) -> VaryingFriction:
     if len(evidence.blocks) < 4:
         return at_once
     count = len(settings.travels)
-    errors = np.sqrt([evidence.errors(at).sum(axis=1) for at in range(count + 1)])
-    plain, built = errors[0], errors[1:]
+    squares = np.array([evidence.errors(at) for at in range(count + 1)])
+    plain, *others = np.sqrt(squares.sum(axis=2))
+    built = np.array(others)
     least = settings.least * np.sqrt(evidence.whole.residual_squared(np.zeros(len(evidence.whole))))
     best = int(np.argmin(np.log(built).sum(axis=1)))
     # a travel at the end of those tried, or next to it, is not one if that one predicts better
     bracketed = 0 < best < count - 1 and (built[[best - 1, best + 1], 0] >= built[best, 0]).all()
     if not bracketed or (plain - built[best] <= np.maximum(settings.presliding_gain * plain, least)).any():
         return at_once
-    travel, std = _travel(evidence, best + 1, settings)
+    travel, std = _travel(settings.travels[best - 1 : best + 2], squares[best : best + 3, 0])
     ratio = built[best] / plain
     return replace(at_once, travel=travel, travel_std=std, ratio=(float(ratio[0]), float(ratio[1])))
 
 
-def _travel(evidence: _Evidence, at: int, settings: VaryingSettings) -> tuple[float, float]:
-    """The travel near the one at a place that predicts best, and its standard deviation [rad]."""
-    travels = np.log(settings.travels)
-    middle = min(max(at - 1, 1), len(travels) - 2)
-    near = slice(middle - 1, middle + 2)
-    errors = np.array([evidence.errors(k + 1)[0] for k in range(len(travels))[near]])
-    whole = errors.sum(axis=1)
-    vertices = np.array([_vertex(travels[near], whole - block) for block in errors.T])
-    n = len(vertices)
-    std = float(np.sqrt((n - 1) / n * np.sum((vertices - vertices.mean()) ** 2)))
-    travel = float(np.exp(_vertex(travels[near], whole)))
-    return travel, travel * std
+def _travel(near: Sequence[float], squares: Array) -> tuple[float, float]:
+    """The travel among three [rad] that predicts best, by squared errors (3, blocks), and its standard deviation."""
+    at, whole = np.log(near), squares.sum(axis=1)
+    vertices = np.array([_vertex(at, whole - block) for block in squares.T])
+    travel = float(np.exp(_vertex(at, whole)))
+    return travel, travel * float(np.sqrt((len(vertices) - 1) * vertices.var()))
 
 
 def _vertex(at: Array, values: Array) -> float:
