@@ -98,7 +98,7 @@ def _contradictions(footing: Footing, mount: ImuMount | None) -> Iterator[Findin
     elif (fitting := explained(footing)) and (without := fitting[0][1]):
         fits = f"it would weigh {without.weighs:.3g} kg, the model {footing.robot.mass:.3g} kg, and nothing contradicts"
         yield _named([one for one, _ in fitting], f"as recorded, {faults}; otherwise {fits}", mount)
-    elif named := [*_moved(few := _few(footing), explained_by_motion(few), mount)]:
+    elif named := [*_moved(few := footing.thinned(footing.limits.motion_instants), explained_by_motion(few), mount)]:
         yield from named
     else:
         who = "encoders, torques and IMU" if imu else "encoders and torques"
@@ -121,7 +121,7 @@ def explained(footing: Footing) -> list[tuple[Hypothesis, Consistency]]:
     the figures without each fault, none of which another one beats in motion; none if none does.
     """
     robot, limits = footing.robot, footing.limits
-    footing = replace(footing, blocks=footing.blocks.thinned(limits.trial_instants, limits))
+    footing = footing.thinned(limits.trial_instants)
     now = Consistency.of(footing)
     scales = torque_scales(robot, now.loads / footing.weight, limits.lightest, limits.heaviest)
     all_of_them = chain(hypotheses_at_rest(robot, limits.orders, imu=footing.blocks.specific_force is not None), scales)
@@ -184,7 +184,7 @@ def late_imu(footing: Footing) -> tuple[float, Gain] | None:
 
 
 def _in_motion(footing: Footing, mount: ImuMount | None) -> Iterator[Finding]:
-    few = _few(footing)
+    few = footing.thinned(footing.limits.motion_instants)
     found = explained_by_motion(few)
     if not found:
         yield from _gyro_at_rest(footing)
@@ -203,11 +203,6 @@ def _in_motion(footing: Footing, mount: ImuMount | None) -> Iterator[Finding]:
         yield Finding("imu_late", text)
     else:
         yield from _moved(few, found, mount)
-
-
-def _few(footing: Footing) -> Footing:
-    """Instants enough to tell hypotheses in motion."""
-    return replace(footing, blocks=footing.blocks.thinned(footing.limits.motion_instants, footing.limits))
 
 
 def _moved(

@@ -191,7 +191,6 @@ class WindowLimits:
 
     length: float = 1.0  # of a window [s]
     fewest: int = 20  # least number of samples in a window
-    usual: int = 4096  # number of samples from which usual values are taken, to 2 %
     most: int = 20  # steps of one joint that are examined
     at_once: int = 3  # joints examined at a time, which bounds the memory
     step: float = 0.02  # time over which velocity and change of position are compared [s]

@@ -59,6 +59,10 @@ class Footing:
             after.__dict__["state"] = self.state  # torques and gyro are no part of it
         return after
 
+    def thinned(self, most: int) -> Footing:
+        """The footing at no more than so many instants, by whole seconds."""
+        return replace(self, blocks=self.blocks.thinned(most, self.limits))
+
     @property
     def body(self) -> Body:
         """The robot's legs and trunk."""

@@ -14,13 +14,12 @@ from dataclasses import dataclass
 from itertools import chain
 
 import numpy as np
-from numpy.typing import NDArray
 
-from stadera.body import Motion
 from stadera.checks.finding import Finding
 from stadera.checks.limits import CheckLimits
-from stadera.checks.residual import Footing, body_of, unit
+from stadera.checks.residual import Footing, unit
 from stadera.constants import GRAVITY
+from stadera.robot.kinematics import foot_positions
 from stadera.robot.model import Robot
 from stadera.robot.stance import usual_configuration
 from stadera.trunk.ground import ground_normal
@@ -39,15 +38,14 @@ class Tilts:
     def of(cls, footing: Footing) -> Tilts:
         """From the means of blocks with little acceleration, trunk's x-y; zero if there are too few, or two feet."""
         limits, force, contact = footing.limits, footing.specific_force, footing.contact
-        block = blocks_of(footing.blocks.time, limits.block)
-        deviation = np.zeros(block[-1] + 1)
-        np.maximum.at(deviation, block, np.abs(np.linalg.norm(force, axis=1) - GRAVITY))
-        quiet = deviation < limits.quiet
+        time = footing.blocks.time
+        starts = np.flatnonzero(np.diff(np.floor((time - time[0]) / limits.block), prepend=-1.0))
+        quiet = np.maximum.reduceat(np.abs(np.linalg.norm(force, axis=1) - GRAVITY), starts) < limits.quiet
         if quiet.sum() < limits.fewest_blocks or contact.shape[1] < 3:
             return cls()
-        a = block_means(force, block)[quiet]
+        counts = np.diff(starts, append=len(time))
+        a, feet = ((np.add.reduceat(values, starts).T / counts).T[quiet] for values in (force, contact))
         a /= np.linalg.norm(a, axis=1, keepdims=True)
-        feet = block_means(contact.reshape(len(contact), -1), block)[quiet].reshape(-1, *contact.shape[1:])
         plane = ground_normal(feet, np.ones(feet.shape[:2], dtype=bool), -unit(feet.mean(axis=1)))
         a, plane = (a - a.mean(axis=0))[:, :2], (plane - plane.mean(axis=0))[:, :2]
         both = a.T @ plane  # [i, j]: the IMU's tilt along i with the plane's along j
@@ -209,22 +207,10 @@ def hanging(footing: Footing, now: Consistency) -> Finding:
 
 
 def _size(robot: Robot) -> float:
-    body, still, none = body_of(robot), np.zeros((1, len(robot.tree.joints))), np.zeros((1, 3))
-    q = usual_configuration(robot)[None]
-    feet = body.at(Motion(q, still, still, none, none, none, np.array([0.0, 0.0, 1.0]))).feet[0]
+    """Half the diagonal between the feet in the usual stance [m], at least a quarter of a leg."""
+    feet = foot_positions(robot, usual_configuration(robot)[None])[0]
     return max(0.5 * float(np.linalg.norm(np.ptp(feet[:, :2], axis=0))), 0.25 * robot.leg_length)
 
 
 def _angle(a: Array, b: Array) -> float:
     return float(np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b))
-
-
-def blocks_of(time: Array, length: float) -> NDArray[np.int64]:
-    """Index, from 0, of the block of this length [s] that contains each sample, (samples,)."""
-    return np.unique(np.floor((time - time[0]) / length).astype(np.int64), return_inverse=True)[1].astype(np.int64)
-
-
-def block_means(values: Array, block: NDArray[np.int64]) -> Array:
-    """Means over blocks of values (samples, k), (blocks, k)."""
-    sums = np.column_stack([np.bincount(block, column) for column in values.T])
-    return np.asarray(sums / np.bincount(block)[:, None])

@@ -135,10 +135,8 @@ class TrunkRows:
         J = body.in_legs
         torque, rate, q_rate = blocks.effort[:, J], blocks.slopes(blocks.effort)[:, J], motion.velocity[:, J]
         E = np.moveaxis(self.state.to_wrench[:, J], 1, 2)
-        effort = np.zeros_like(blocks.effort)
-        effort[:, J] = torque
         states = (self.state, *self.displaced)
-        own, *moved = (body.contacts(s, body.left(s, motion, effort)) - s.inertial[:, :-1] for s in states)
+        own, *moved = (body.contacts(s, body.left(s, motion, blocks.effort)) - s.inertial[:, :-1] for s in states)
         place = np.concatenate([np.arange(len(leg)) for leg in body.legs])
         by_joint = (np.array(moved)[place, :, body.leg_of[J]] - own[:, body.leg_of[J]].swapaxes(0, 1)) / self.step
         terms = motion.acceleration[:, J], q_rate, direction(q_rate), np.ones_like(q_rate)
@@ -187,7 +185,7 @@ def misread_in_motion(footing: Footing) -> tuple[list[Hypothesis], float] | None
     IMU.
     """
     limits = footing.limits
-    rows = TrunkRows.of(replace(footing, blocks=footing.blocks.thinned(limits.motion_instants, limits)))
+    rows = TrunkRows.of(footing.thinned(limits.motion_instants))
     if rows is None or len(footing.blocks) < limits.order_fewest or footing.lively <= limits.lively_share:
         return None
 

@@ -61,9 +61,8 @@ class Windows:
         """Time of all windows [s]."""
         return float(self.edges[-1] - self.edges[0])
 
-    def sums(self, values: Array, of_sample: NDArray[np.int64] | None = None) -> Array:
-        """Sums over windows of values (samples, k), (windows, k)."""
-        where = self.of_sample if of_sample is None else of_sample
+    def sums(self, values: Array, where: NDArray[np.int64]) -> Array:
+        """Sums over windows (windows, k) of values (n, k) in the windows `where` (n,)."""
         return np.column_stack([np.bincount(where, column, len(self)) for column in values.T])
 
     def spans(self, chosen: Bools) -> tuple[tuple[float, float], ...]:
@@ -90,7 +89,7 @@ def window_faults(recording: Recording, robot: Robot, limits: WindowLimits | Non
         effort = recording.channel("effort", joints)
         for check in (_beyond, _clipped):
             found += check(effort, robot, windows, limits)
-        tested = resolved & (np.abs(_holding(recording, robot)) > _white(effort, limits))
+        tested = resolved & (np.abs(_holding(recording, robot)) > _white(effort))
         found += _noise(effort, robot, windows, limits, tested)
     return tuple(found)
 
@@ -165,11 +164,11 @@ def _by_velocity(
     by_q, by_v = ((x[m:] - x[:-m])[whole] / span[whole, None] for x in (q, way))
     where = windows.of_sample[m:][whole]
     apart = np.abs(by_q - by_v)
-    spike = apart > limits.spike * _usual(apart, limits)
+    spike = apart > limits.spike * np.median(apart, axis=0)
     by_q, by_v = (np.where(spike & (spike.mean(axis=0) < limits.few), 0.0, x) for x in (by_q, by_v))
     dd, mm, dm = (windows.sums(product, where) for product in (by_q**2, by_v**2, by_q * by_v))
     count = np.maximum(np.bincount(where, minlength=len(windows)), 1)[:, None]
-    noise = np.hypot(np.sqrt(2.0) * _white(q, limits) / limits.step, _white(v, limits) / np.sqrt(m))
+    noise = np.hypot(np.sqrt(2.0) * _white(q) / limits.step, _white(v) / np.sqrt(m))
     moving = np.sqrt(np.maximum(dd, mm) / count) > np.maximum(limits.moving, limits.above * noise)
     correlation = dm / np.maximum(np.sqrt(dd * mm), 1e-12)
     gain = np.where(dd > 1e-12, dm / np.maximum(dd, 1e-12), 0.0)
@@ -187,18 +186,11 @@ def _by_velocity(
     return jumps, found
 
 
-def _white(values: Array, limits: WindowLimits) -> Array:
+def _white(values: Array) -> Array:
     """Standard deviation of each column's white noise, from third differences, to which smooth motion hardly
     contributes.
     """
-    return np.sqrt(_usual(np.diff(values, 3, axis=0) ** 2, limits) / (20.0 * MEDIAN_OF_CHI2))
-
-
-def _usual(values: Array, limits: WindowLimits) -> Array:
-    """Median of each column (samples, n), from at most `limits.usual` samples spread evenly."""
-    if len(values) > limits.usual:  # not every k-th: signals may repeat values in cycles of a few samples
-        values = values[np.linspace(0, len(values) - 1, limits.usual).astype(np.int64)]
-    return np.asarray(np.median(values, axis=0))
+    return np.sqrt(np.median(np.diff(values, 3, axis=0) ** 2, axis=0) / (20.0 * MEDIAN_OF_CHI2))
 
 
 def _jumps(apart: Array, way: Array, time: Array, joints: tuple[str, ...], limits: WindowLimits) -> Iterator[_Jump]:
@@ -206,7 +198,7 @@ def _jumps(apart: Array, way: Array, time: Array, joints: tuple[str, ...], limit
     beginning: of `apart` (samples, n), position minus ∫ q̇ dt [rad], with steps `way` of the latter (samples - 1, n).
     """
     step, gaps = np.diff(apart, axis=0), np.diff(time)
-    usual, period = _usual(np.abs(step), limits), np.median(gaps)
+    usual, period = np.median(np.abs(step), axis=0), np.median(gaps)
     nearby = np.max([np.abs(way), np.abs(np.roll(way, 1, axis=0)), np.abs(np.roll(way, -1, axis=0))], axis=0)
     big = np.abs(step) > np.maximum(limits.jump, 20.0 * usual + limits.late * nearby)
     big &= (gaps < GAP_FACTOR * period)[:, None]
@@ -278,7 +270,7 @@ def _noise(effort: Array, robot: Robot, windows: Windows, limits: WindowLimits, 
     a trot change sign within the long ones. `tested` (n,): joints that are not idle. One that is as noisy while its
     torque means something has a sensor that works, and carries nothing since a load has moved the weight, say.
     """
-    found = [_correlation(effort, windows, round(windows.span / time), limits.at_once) for time in limits.averaged]
+    found = [_correlation(effort, windows, round(windows.span / time)) for time in limits.averaged]
     correlation = np.max([own for own, _, _ in found], axis=0)
     _, holds, count = found[-1]
     for j in np.flatnonzero(tested):
@@ -288,17 +280,17 @@ def _noise(effort: Array, robot: Robot, windows: Windows, limits: WindowLimits, 
         if np.count_nonzero(chosen) <= min(1, len(windows) - 1):  # a joint may be idle for a moment
             continue
         works = (holds[:, j] >= limits.holds) | (correlation[:, j] > limits.coloured)
-        noise, usual = (_noise_in(effort[:, j], windows, of, limits) for of in (chosen, works))
+        noise, usual = (_noise_in(effort[:, j], windows, of) for of in (chosen, works))
         if not usual / limits.as_noisy < noise < usual * limits.as_noisy:
             yield Finding("effort", f"the torque of {joint!r} is only noise", spans=windows.spans(chosen))
 
 
-def _noise_in(values: Array, windows: Windows, chosen: Bools, limits: WindowLimits) -> float:
+def _noise_in(values: Array, windows: Windows, chosen: Bools) -> float:
     """Standard deviation of the white noise of values (samples,) in these windows, zero without any."""
-    return float(_white(values[chosen[windows.of_sample]], limits)) if chosen.any() else 0.0
+    return float(_white(values[chosen[windows.of_sample]])) if chosen.any() else 0.0
 
 
-def _correlation(effort: Array, windows: Windows, parts: int, at_once: int) -> tuple[Array, Array, Array]:
+def _correlation(effort: Array, windows: Windows, parts: int) -> tuple[Array, Array, Array]:
     """Correlation ρ = 1 - Σ (τ_k+1 - τ_k)² / 2 Σ (τ_k - τ̄)² of successive ones of so many means, (windows, n); their
     mean over its standard deviation, likewise, as a joint that rests holds something, and one that carries little does
     so for longer; and their number (windows,).
@@ -307,12 +299,8 @@ def _correlation(effort: Array, windows: Windows, parts: int, at_once: int) -> t
     of_mean = windows.of_sample[edges[:-1]]
     number = np.bincount(of_mean, minlength=len(windows)).astype(float)
     count, same = np.maximum(number, 1)[:, None], of_mean[1:] == of_mean[:-1]
-    correlation, holds = np.empty((2, len(windows), effort.shape[1]))
-    for k in range(0, effort.shape[1], at_once):
-        own = np.add.reduceat(effort[:, k : k + at_once], edges[:-1]) / np.diff(edges)[:, None]
-        mean = windows.sums(own, of_mean) / count
-        away = windows.sums((own - mean[of_mean]) ** 2, of_mean)
-        steps = windows.sums(np.diff(own, axis=0)[same] ** 2, of_mean[1:][same])
-        correlation[:, k : k + at_once] = 1.0 - 0.5 * steps / np.maximum(away, 1e-300)
-        holds[:, k : k + at_once] = count * np.abs(mean) / np.sqrt(np.maximum(away, 1e-300))
-    return correlation, holds, number
+    own = np.add.reduceat(effort, edges[:-1]) / np.diff(edges)[:, None]
+    mean = windows.sums(own, of_mean) / count
+    away = np.maximum(windows.sums((own - mean[of_mean]) ** 2, of_mean), 1e-300)
+    steps = windows.sums(np.diff(own, axis=0)[same] ** 2, of_mean[1:][same])
+    return 1.0 - 0.5 * steps / away, count * np.abs(mean) / np.sqrt(away), number
