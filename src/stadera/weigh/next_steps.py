@@ -64,7 +64,18 @@ def steps_known(robot: Robot, estimator: Weigher, limits: UseLimits | None = Non
     limits = limits or UseLimits()
     if not isinstance(estimator, TrunkEstimator) or _narrow(robot, estimator.trunk, estimator.payload, limits):
         return ()
-    return tuple(_known(robot, estimator, limits))
+    tared = estimator.payload is not None
+    scale = f"put the robot{' as it was at the tare' * tared} on a scale and weigh with --weight"
+    again = f"weigh {limits.remembered} logs like this one, and then this load, with the same --memory"
+    found = [NextStep(scale, *estimator.bars_on_scale(weight_std(robot.mass)))]
+    if tared:
+        weight = limits.test_weight * robot.mass
+        known = (
+            f"put a known weight of {weight:.2g} kg on after the tare, in a log that moves like this one, weigh it "
+            "with --known and --memory, and then this load with the same memory"
+        )
+        found.append(NextStep(known, *estimator.bars_calibrated(weight)))
+    return (*found, NextStep(again, *estimator.bars_remembered(limits.remembered)))
 
 
 def next_steps(
@@ -96,23 +107,6 @@ def _narrow(robot: Robot, trunk: TrunkParameters, payload: Payload | None, limit
     mass, std = (trunk.inertial.mass, trunk.mass_std) if payload is None else (abs(payload.mass), payload.mass_std)
     enough = limits.determined(robot, trunk.mass_std, payload)["trunk" if payload is None else "payload"]
     return enough and (std <= limits.fine * mass or mass < SIGNIFICANT * std)
-
-
-def _known(robot: Robot, estimator: TrunkEstimator, limits: UseLimits) -> Iterator[NextStep]:
-    """A scale, a test weight, and a memory."""
-    before = "" if estimator.payload is None else " as it was at the tare"
-    scale = f"put the robot{before} on a scale and weigh with --weight"
-    yield NextStep(scale, *estimator.bars_on_scale(weight_std(robot.mass)))
-    if estimator.payload is not None:
-        weight = limits.test_weight * robot.mass
-        do = (
-            f"put a known weight of {weight:.2g} kg on after the tare, in a log that moves like this one, weigh it with"
-        )
-        yield NextStep(
-            f"{do} --known and --memory, and then this load with the same memory", *estimator.bars_calibrated(weight)
-        )
-    do = f"weigh {limits.remembered} logs like this one, and then this load, with the same --memory"
-    yield NextStep(do, *estimator.bars_remembered(limits.remembered))
 
 
 def _moves(robot: Robot, payload: Payload, limits: UseLimits) -> Iterator[NextStep]:

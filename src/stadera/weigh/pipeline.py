@@ -98,27 +98,6 @@ def trust_now(estimator: Weigher, learnt: float | None = None, begin: float = 0.
     return trust.at_most(verdict, f"as known at {at - begin:.2f} s; nothing was learnt after it: {estimate.reason}")
 
 
-def whereabouts(payload: Payload, trunk: str, said: str | None, contradicted: float) -> tuple[str, str]:
-    """A doubt and a note, or empty, of where a payload is and how sure that is.
-
-    Args:
-        payload: with two places at least.
-        trunk: name of the trunk's link. said: where its owner says that it is; None if he does not.
-        contradicted: odds of another place above which that is doubted.
-    """
-    best, second = sorted(payload.places.items(), key=lambda item: -item[1])[:2]
-    at = said or payload.at or trunk
-    odds = best[1] / max(payload.places.get(at, 0.0) if best[0] != at else second[1], 1e-12)
-    by = f"by odds of {min(odds, 1e6):.2g} to 1 against"
-    if said:
-        wrong = best[0] != at and odds > contradicted
-        return f"the load is said to be at {at}, but it is at {best[0]}, {by} {at}" if wrong else "", ""
-    if best[0] != at:
-        taken = f"the load is taken to be at {at}, and cannot be told from one at {best[0]}"
-        return "", f"{taken}: --at LINK says where it is, and motion of the limbs, or their torques in the log, show it"
-    return "", f"the load is at {best[0]}, {by} {second[0]}"
-
-
 def _without_imu(vertical: Vertical | None) -> Iterator[str]:
     """Says by what a robot without an IMU was weighed."""
     if vertical is not None and vertical.source == "forces":
@@ -273,13 +252,25 @@ class _LogPass:
 
     # -- inside -----------------------------------------------------------------------------------------------
     def _whereabouts(self, payload: Payload | None) -> tuple[str, str]:
-        """A doubt and a note of where a load is, if there is one and places were compared."""
-        request = self._request
+        """A doubt and a note, or empty, of where a load is and how sure that is, if places were compared: where its
+        owner says that it is, or where it seems to be.
+        """
+        said, settings = self._request.at, self._request.settings
         if payload is None or not payload.places:
             return "", ""
-        if abs(payload.mass) < SIGNIFICANT * payload.mass_std and not (request.at and self._changes(payload)):
+        if abs(payload.mass) < SIGNIFICANT * payload.mass_std and not (said and self._changes(payload)):
             return "", ""
-        return whereabouts(payload, request.robot.trunk, request.at, request.settings.contradicted)
+        best, second = sorted(payload.places.items(), key=lambda item: -item[1])[:2]
+        at = said or payload.at or self._request.robot.trunk
+        odds = best[1] / max(payload.places.get(at, 0.0) if best[0] != at else second[1], 1e-12)
+        by = f"by odds of {min(odds, 1e6):.2g} to 1 against"
+        if best[0] == at:
+            return "", "" if said else f"the load is at {at}, {by} {second[0]}"
+        if said:
+            doubt = f"the load is said to be at {at}, but it is at {best[0]}, {by} {at}"
+            return doubt if odds > settings.contradicted else "", ""
+        taken = f"the load is taken to be at {at}, and cannot be told from one at {best[0]}"
+        return "", f"{taken}: --at LINK says where it is, and motion of the limbs, or their torques in the log, show it"
 
     def _require_learnt(self, estimate: TrunkEstimate) -> None:
         """Raises IdentificationError: nothing was learnt, or nothing after the tare."""

@@ -7,6 +7,7 @@ from functools import cached_property
 from os import PathLike
 from typing import TYPE_CHECKING, Any, ClassVar
 
+from stadera.body import FRICTION_UNITS
 from stadera.files import written_together
 from stadera.results import Result, data_frame
 from stadera.robot.model import Robot
@@ -22,12 +23,14 @@ from stadera.weigh.next_steps import NextStep, UseLimits, next_steps
 if TYPE_CHECKING:
     from stadera.lab.truth import Truth
 
-_UNITS = {"time": "s", "mass": "kg", "com": "m", "inertia": "kg·m²", "torque_lag": "s", "tilt_std": "rad"} | {
-    "armature": "kg·m²",
-    "viscous": "N·m·s/rad",
-    "coulomb": "N·m",
-    "offset": "N·m",
-}
+_UNITS = {
+    "time": "s",
+    "mass": "kg",
+    "com": "m",
+    "inertia": "kg·m²",
+    "torque_lag": "s",
+    "tilt_std": "rad",
+} | FRICTION_UNITS
 
 
 @dataclass(frozen=True)
@@ -37,10 +40,6 @@ class Refusal:
     begin: float
     end: float
     reason: str
-
-    def shifted(self, by: float) -> Refusal:
-        """The same on a clock that is ahead by so much [s]."""
-        return replace(self, begin=self.begin + by, end=self.end + by)
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,7 +176,7 @@ class Weighing(Result):
             time=self.time - first,
             changes=tuple(replace(c, time=c.time - first, noticed=c.noticed - first) for c in self.changes),
             timeline=replace(self.timeline, time=self.timeline.time - first),
-            refusals=tuple(refusal.shifted(-first) for refusal in self.refusals),
+            refusals=tuple(replace(r, begin=r.begin - first, end=r.end - first) for r in self.refusals),
             begin=0.0,
             end=self.end - first,
             notes=(*self.notes, f"times count from the log's beginning, {first:.3f} s on its own clock")
