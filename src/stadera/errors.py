@@ -1,6 +1,7 @@
 """Exceptions raised by stadera. Messages name the faulty value and list the valid choices."""
 
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from difflib import get_close_matches
 from math import isfinite
 from numbers import Real
@@ -102,3 +103,12 @@ class MissingExtraError(StaderaError):
         names = package.split()
         what = f"package{'s'[: len(names) - 1]} {' and '.join(map(repr, names))}"
         super().__init__(f"{purpose} needs the {what}, of the extra stadera[{extra}]: pip install {package}")
+
+
+@contextmanager
+def of_extra(package: str, extra: str, purpose: str) -> Iterator[None]:
+    """Context for importing an optional package. Raises MissingExtraError: it is not installed."""
+    try:
+        yield
+    except ImportError:
+        raise MissingExtraError(package, extra, purpose) from None

@@ -10,7 +10,7 @@ from math import isfinite
 from os import PathLike
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from stadera.errors import MissingExtraError
+from stadera.errors import of_extra
 from stadera.files import save_text, written_together
 
 if TYPE_CHECKING:
@@ -86,10 +86,8 @@ class Result(ABC):
 
 def data_frame(columns: Mapping[str, Any]) -> Any:
     """Makes a pandas DataFrame from named columns. Raises MissingExtraError: pandas is not installed."""
-    try:
+    with of_extra("pandas", "dataframe", "a data frame"):
         import pandas as pd  # type: ignore[import-untyped]
-    except ImportError:
-        raise MissingExtraError("pandas", "dataframe", "a data frame") from None
     return pd.DataFrame(columns)
 
 

@@ -20,7 +20,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from stadera.boundary import foreign, require_input
-from stadera.errors import MissingExtraError, RecordingError, StaderaError, UnknownNameError
+from stadera.errors import RecordingError, StaderaError, UnknownNameError, of_extra
 from stadera.limits import Limits
 from stadera.logs.reader import READERS
 from stadera.logs.topics import AS_RECORDED, LogFile, ReadOptions, Topics
@@ -90,10 +90,8 @@ def digest(path: Path) -> str:
 
 
 def _system(url: str) -> tuple[Any, str]:
-    try:
+    with of_extra("fsspec", "fleet", f"a log at {url}"):
         from fsspec.core import url_to_fs  # type: ignore[import-untyped]
-    except ImportError:
-        raise MissingExtraError("fsspec", "fleet", f"a log at {url}") from None
     try:
         system, path = url_to_fs(url)
     except ImportError as error:  # fsspec's own, of the package for that protocol

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from uuid import uuid4
 
-from stadera.errors import MissingExtraError, StaderaError
+from stadera.errors import StaderaError, of_extra
 from stadera.live import keys, messages
 from stadera.live.keys import Key, Sent
 from stadera.live.session import Answer
@@ -51,10 +51,8 @@ class Endpoints:
         """Opens a session; connections are made, and restored, in the background. MissingExtraError if zenoh is not
         installed, StaderaError if it rejects an endpoint or the file.
         """
-        try:
+        with of_extra("eclipse-zenoh", "live", "stadera live"):
             import zenoh
-        except ImportError:
-            raise MissingExtraError("eclipse-zenoh", "live", "stadera live") from None
         try:
             return zenoh.open(self._configured())
         except zenoh.ZError as error:

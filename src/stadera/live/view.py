@@ -18,7 +18,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from stadera.constants import EPOCH, GRAVITY
-from stadera.errors import MissingExtraError, StaderaError
+from stadera.errors import StaderaError, of_extra
 from stadera.report.look import light
 from stadera.robot.imu import ImuMount
 from stadera.robot.kinematics import forward_kinematics
@@ -122,10 +122,8 @@ class Viewer:
         period: float = 0.1,
         deviations: float = 2.0,
     ) -> None:
-        try:
+        with of_extra("rerun-sdk", "view", "the viewer"):
             import rerun
-        except ImportError:
-            raise MissingExtraError("rerun-sdk", "view", "the viewer") from None
         self._rr, self._robot = rerun, robot
         self._period, self._deviations = period, deviations
         self._postures, self._trunk = Postures(robot), list[object](["world", "robot", robot.trunk])

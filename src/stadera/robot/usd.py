@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from stadera.errors import MissingExtraError
+from stadera.errors import of_extra
 from stadera.files import written_together
 from stadera.robot.kinematics import forward_kinematics
 from stadera.robot.model import Robot
@@ -63,10 +63,8 @@ def write_usd(robot: Robot, path: str | PathLike[str], notes: Sequence[str] = ()
 
 def require_usd() -> None:
     """Raises MissingExtraError: usd-core is not installed."""
-    try:
+    with of_extra("usd-core", "usd", "a USD file"):
         import pxr  # noqa: F401
-    except ImportError:
-        raise MissingExtraError("usd-core", "usd", "a USD file") from None
 
 
 def _name(name: str) -> str:

@@ -14,8 +14,6 @@ from stadera.errors import StaderaError
 from stadera.report.look import COLOURS
 from stadera.types import Array
 
-Marker = Literal["", "dot", "ring", "diamond", "plus", "cross"]
-
 
 @dataclass(frozen=True, eq=False)
 class Series:
@@ -31,7 +29,7 @@ class Series:
     stairs: Literal["", "hold", "bins"] = ""
     fill: Literal["", "self", "zero"] = ""  # "self" fills the outline, "zero" the area down to the axis
     dense: float = 0.18  # opacity of the area [1]
-    marker: Marker = ""  # of the points
+    marker: Literal["", "dot", "ring", "diamond", "plus", "cross"] = ""  # of the points
     size: float | Array = 7.0  # one size [px], or one for each point
     labels: tuple[str, ...] = ()  # a text at each point; empty for none
     hover: tuple[str, ...] = ()  # on pages, a text for the pointer at each point; empty for its value
@@ -109,12 +107,6 @@ class Panel:
     guides: tuple[Guide, ...] = ()  # behind the marks
     title: str = ""  # above it
     equal: bool = False  # whether x and y have the same scale
-    share: float = 1.0  # of the width, next to other panels
-
-    @property
-    def is_empty(self) -> bool:
-        """True if nothing is drawn in it."""
-        return not self.marks
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,7 +129,7 @@ class Figure:
     @property
     def is_empty(self) -> bool:
         """True if there is nothing to draw."""
-        return all(panel.is_empty for panel in self.panels)
+        return not any(panel.marks for panel in self.panels)
 
     @property
     def entries(self) -> dict[str, Series | Bars | Guide]:

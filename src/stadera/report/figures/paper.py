@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stadera.errors import MissingExtraError, StaderaError, UnknownNameError
+from stadera.errors import StaderaError, UnknownNameError, of_extra
 from stadera.files import AnyPath
 from stadera.report.figures.model import Bars, Figure, Guide, Panel, Series
 from stadera.report.look import light
@@ -57,11 +57,9 @@ def draw(shown: Figure | TableData) -> Drawn:
 
 
 def _matplotlib() -> Any:
-    try:
+    with of_extra("matplotlib", "figures", "a figure for a paper"):
         import matplotlib
         import matplotlib.figure
-    except ImportError:
-        raise MissingExtraError("matplotlib", "figures", "a figure for a paper") from None
     return matplotlib
 
 
@@ -69,10 +67,7 @@ def _figure(figure: Figure) -> Drawn:
     columns = max(map(len, figure.rows))
     tall = _SIZES["px"] * sum(_tall(figure, row) for row in figure.rows) + 0.35
     drawn: Drawn = _matplotlib().figure.Figure(figsize=(_SIZES["width"], tall), layout="constrained")
-    shares = [panel.share for panel in max(figure.rows, key=len)]
-    axes = drawn.subplots(
-        len(figure.rows), columns, squeeze=False, sharex="col" if figure.shared else False, width_ratios=shares
-    )
+    axes = drawn.subplots(len(figure.rows), columns, squeeze=False, sharex="col" if figure.shared else False)
     for row, places in zip(figure.rows, axes, strict=True):
         for panel, place in zip(row, places, strict=False):
             _panel(place, panel)

@@ -181,14 +181,11 @@ def _places(figure: Figure, room: Room) -> tuple[list[tuple[float, float, float,
     rows = figure.rows if room.columns is None else tuple((panel,) for panel in figure.panels)
     places, top = [], 0.0
     for row in rows:
-        total, left = sum(panel.share for panel in row), 0.0
         top += room.above if any(panel.title for panel in row) else 8.0
         tall = max(room.panel_height(panel, figure) for panel in row)
-        for panel in row:
-            right = left + panel.share / total
-            gap = 0.0 if right > 0.999 else room.left / room.width
-            places.append((left, right - gap, top, top + tall))
-            left = right
+        for k in range(len(row)):
+            gap = 0.0 if k + 1 == len(row) else room.left / room.width
+            places.append((k / len(row), (k + 1) / len(row) - gap, top, top + tall))
         top += tall + room.below + (room.title if any(panel.x.title for panel in row) else 0.0)
     return places, top
 
