@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from stadera.identify.result import Identification
     from stadera.results import Result
     from stadera.trust import Trust
+    from stadera.types import Progress
     from stadera.weigh.result import Weighing
 
 
@@ -227,11 +228,9 @@ def _log(job: LogJob, path: Path) -> LogFile:
 
 def _joints(result: Identification) -> Iterator[Row]:
     for leg in result.legs:
-        for name, quantity in leg.parameters.items():
-            joint, parameter = name.rsplit(".", 1)
-            if joint in leg.leg.joints:
-                std = None if quantity.is_held else quantity.std
-                yield {"joint": joint, "parameter": parameter, "value": quantity.value, "std": std}
+        for joint, terms in leg.joint_terms.items():
+            for parameter, q in terms.items():
+                yield {"joint": joint, "parameter": parameter, "value": q.value, "std": None if q.is_held else q.std}
 
 
 def _legs(result: Identification) -> Iterator[Row]:
@@ -253,15 +252,11 @@ def _trust(trust: Trust) -> Row:
     return {"trust": trust.verdict, "misfit": finite_or_none(trust.misfit)}
 
 
-Watch = Callable[[str, int, int, str], None]
-"""Called with the step's name, the amount done, the total amount, and the number of logs in words."""
-
-
 def run_fleet(
     jobs: Sequence[LogJob],
     out: str | PathLike[str],
     pool: Pool | None = None,
-    watch: Watch | None = None,
+    watch: Progress | None = None,
     memory: str | PathLike[str] | None = None,
 ) -> FleetTable:
     """Weighs a fleet's logs, or identifies legs from them, and writes the table every half minute and at the end.
@@ -320,7 +315,7 @@ def _turns(fleet: _Fleet, jobs: Sequence[LogJob], memory: str | PathLike[str] | 
     return turns
 
 
-def _report_of(logs: Sequence[str], watch: Watch | None) -> Callable[[Sequence[str]], None]:
+def _report_of(logs: Sequence[str], watch: Progress | None) -> Callable[[Sequence[str]], None]:
     """What tells of logs that are done; progress is by the logs' sizes, which determine their time, if all are here."""
     sizes = dict.fromkeys(logs, 1) if any(map(is_url, logs)) else {log: _size(Path(log)) for log in logs}
     finished: list[str] = []

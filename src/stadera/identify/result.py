@@ -107,6 +107,16 @@ class LegIdentification:
         }
         return dict(zip(names, found, strict=True)) | held | travels
 
+    @property
+    def joint_terms(self) -> dict[str, dict[str, Quantity]]:
+        """Those of `parameters` that are of joints, by joint and term."""
+        found: dict[str, dict[str, Quantity]] = {}
+        for name, quantity in self.parameters.items():
+            owner, term = name.rsplit(".", 1)
+            if owner in self.leg.joints:
+                found.setdefault(owner, {})[term] = quantity
+        return found
+
     @cached_property
     def combinations(self) -> tuple[KnownCombination, ...]:
         """Combinations that motion on a held trunk can determine, and how well this log determines them."""

@@ -134,13 +134,11 @@ def joints_dict(legs: Sequence[LegIdentification], mark: dict[str, bool]) -> dic
 
 
 def _joint(leg: LegIdentification, joint: str, mark: dict[str, bool]) -> dict[str, Any]:
-    prefix = f"{joint}."
-    found = {name.removeprefix(prefix): q for name, q in leg.parameters.items() if name.startswith(prefix)}
     centres = leg.varying[joint].centres if joint in leg.varying else {}
     centred = {name: {"centre": centre} for name, centre in centres.items()}
     if centres:
         centred["coulomb_load"]["mean_load"] = leg.varying[joint].load
-    return {name: _quantity(q) | centred.get(name, {}) | mark for name, q in found.items()}
+    return {name: _quantity(q) | centred.get(name, {}) | mark for name, q in leg.joint_terms.get(joint, {}).items()}
 
 
 def _quantity(quantity: Quantity) -> dict[str, Any]:

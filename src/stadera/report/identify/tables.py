@@ -71,7 +71,7 @@ def answer(result: Identification) -> str:
     names, errors = ", ".join(leg.leg.name for leg in result.legs), overall_rmse(result, part)
     where = "motion not used for fitting" if part == "validation" else "the training data"
     if not errors.get("identified"):
-        terms = [joint for leg in result.legs for joint in _joint_quantities(leg).values()]
+        terms = [joint for leg in result.legs for joint in leg.joint_terms.values()]
         of = {"armature": "rotor inertia", "viscous": "viscous friction", "coulomb": "Coulomb friction"}
         measured = {name: sum(not joint[term].is_held for joint in terms if term in joint) for term, name in of.items()}
         said = listed([f"{name} of {count}" for name, count in measured.items()])
@@ -218,7 +218,7 @@ def drives_table(result: Identification) -> TableData:
     """A row for each joint of all legs: rotor inertia, friction and torque offset, and of how friction varies what a
     joint shows by two standard deviations; no rows if none were fitted.
     """
-    of_leg = {leg.leg.name: _joint_quantities(leg) for leg in result.legs}
+    of_leg = {leg.leg.name: leg.joint_terms for leg in result.legs}
     every = [item for joints in of_leg.values() for terms in joints.values() for item in terms.items()]
     shown = {t for t, q in every if t not in VARYING_UNITS or abs(q.value) > 2.0 * (q.std or inf)}
     units = {t: q.unit for t, q in every if t in shown}
@@ -312,15 +312,6 @@ def _quantity_table(title: str, found: Mapping[str, Quantity], prior: str, name:
 def _link_quantities(leg: LegIdentification, link: str) -> dict[str, Quantity]:
     com = {f"com {axis}": quantity for axis, quantity in zip("xyz", leg.coms[link], strict=True)}
     return {"mass": leg.parameters[f"{link}.m"], **com, **{n: leg.parameters[f"{link}.{n}"] for n in ORDER[4:]}}
-
-
-def _joint_quantities(leg: LegIdentification) -> dict[str, dict[str, Quantity]]:
-    terms: dict[str, dict[str, Quantity]] = {}
-    for name, quantity in leg.parameters.items():
-        owner, term = name.rsplit(".", 1)
-        if owner in leg.leg.joints:
-            terms.setdefault(owner, {})[term] = quantity
-    return terms
 
 
 def identification_tables(result: Identification) -> Iterator[RenderableType]:
