@@ -14,6 +14,7 @@ from stadera.fleet.jobs import expanded
 from stadera.identify.schema import with_identified_legs
 from stadera.lab.plant.sensors import STANDARD
 from stadera.logs import write_table
+from stadera.report import page
 from stadera.robot import load_robot
 from walking import Walk, recorded, walked
 
@@ -36,9 +37,9 @@ def test_a_table_of_all_logs_with_those_that_failed(run: Callable[..., Any], wal
     good, bad = read_fleet(tmp_path / "r.parquet").rows
     assert good["payload_mass_std"] > 0
     assert bad["status"] == "failed"
-    (page,) = (tmp_path / "logs").iterdir()
-    assert f'href="logs/{page.name}"' in (tmp_path / "r.html").read_text()
-    assert "Payload" in page.read_text()
+    (own,) = (tmp_path / "logs").iterdir()
+    assert f'href="logs/{own.name}"' in (tmp_path / "r.html").read_text()
+    assert "Payload" in own.read_text()
 
 
 def test_merged_legs_are_written_again_in_place_of_the_ones_before(
@@ -59,6 +60,15 @@ def test_where_all_fail_the_call_is_wrong(run: Callable[..., Any], tmp_path: Pat
     assert done.code == 1
     assert done.err.startswith(f"stadera: error: the only log failed: {tmp_path}/empty.parquet: the file is")
     assert len(read_fleet(tmp_path / "out.parquet").rows) == 1
+
+
+def test_a_report_is_printed_as_pdf(run: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(page, "find_browser", str)
+    monkeypatch.setattr(page, "write_pdf", lambda text, path: path.write_text(f"printed: {text}"))
+    files = ("--out", tmp_path / "r.parquet", "--report", tmp_path / "r.pdf")
+    (tmp_path / "empty.parquet").touch()
+    run("fleet", tmp_path / "empty.parquet", *files, "--workers", "0")
+    assert (tmp_path / "r.pdf").read_text().startswith("printed: ")
 
 
 def test_ctrl_c_keeps_what_is_done(

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from stadera.fleet.pool import attempted, attempted_by_worker
+from stadera.fleet.pool import attempted
 from stadera.process import collect_rarely
 
 GROWN = """
@@ -68,11 +68,11 @@ def test_a_worker_looks_through_what_is_loaded_once_and_still_frees_circles() ->
     usual = gc.get_threshold()
     gc.disable()
     try:
-        assert attempted_by_worker(in_a_circle, 0) == 1
+        assert attempted(in_a_circle, 0) == 1
         assert gc.get_freeze_count() == 0  # somebody else's process is left as it is
         collect_rarely()
         for _ in range(2):
-            assert attempted_by_worker(in_a_circle, 0) == 1
+            assert attempted(in_a_circle, 0) == 1
             assert Circle.left == 0
             assert gc.get_freeze_count() > 0
         assert len(gc.get_objects()) < gc.get_freeze_count()

@@ -9,11 +9,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from stadera.boundary import foreign
 from stadera.cli import options as opt
 from stadera.cli import parse
 from stadera.cli.options import argument, flag, grouped, option, refuse
-from stadera.cli.outputs import check_outputs, check_report, json_of, text_of, write_outputs
+from stadera.cli.outputs import check_outputs, check_report, json_of, page_of, write_outputs
 from stadera.cli.terminal import progress, show
+from stadera.errors import StaderaError
+from stadera.report.numbers import counted
 
 if TYPE_CHECKING:
     from stadera.fleet.jobs import FleetOptions, LogJob
@@ -69,9 +72,6 @@ class FleetFiles:
 
     def check(self, *others: Path | None) -> None:
         """Checks these and other files before the computation, and makes the folder. Raises StaderaError."""
-        from stadera.boundary import foreign
-        from stadera.errors import StaderaError
-
         check_outputs((*others, self.json, self.report))
         check_report(self.report)
         if self.pages is not None:
@@ -96,8 +96,7 @@ def fleet(
     memory: Annotated[
         Path | None,
         option(
-            "F.json",
-            "The robot as known from earlier logs; read if it is there, and written anew; F-NAME of several.",
+            "F.json", "The robot as known from earlier logs; read if it is there, and written anew; F-NAME of several."
         ),
     ] = None,
     worker_memory: Annotated[
@@ -134,7 +133,7 @@ def fleet(
     known = {} if memory is None else memory_paths(memory, jobs)
     files.check(out, merge, *known.values())
     table = _run(jobs, out, pool, memory)
-    page = text_of(lambda: table.to_html(_links(table, files.pages, files.report), _memories(jobs, known)))
+    page = page_of(lambda: table.to_html(_links(table, files.pages, files.report), _memories(jobs, known)))
     write_outputs((files.json, json_of(table.to_dict)), (files.report, page))
     if merge is not None:
         _merge(table, jobs, merge)
@@ -144,7 +143,6 @@ def fleet(
 
 def _run(jobs: list[LogJob], out: Path, pool: Pool, memory: Path | None) -> FleetTable:
     """Runs the fleet. Raises StaderaError after Ctrl-C; finished rows are kept."""
-    from stadera.errors import StaderaError
     from stadera.fleet.run import run_fleet
 
     try:
@@ -157,8 +155,6 @@ def _run(jobs: list[LogJob], out: Path, pool: Pool, memory: Path | None) -> Flee
 
 def _require_one(table: FleetTable) -> None:
     """Raises StaderaError: all logs failed, so that the call is probably wrong."""
-    from stadera.errors import StaderaError
-
     if all(row["status"] == "failed" for row in table.rows):
         many = f"all {len(table.rows)} logs failed, the first" if len(table.rows) > 1 else "the only log failed"
         raise StaderaError(f"{many}: {table.rows[0]['error']}")
@@ -192,7 +188,6 @@ def _links(table: FleetTable, pages: Path | None, report: Path | None) -> dict[s
 
 def _merge(table: FleetTable, jobs: list[LogJob], path: Path) -> None:
     from stadera.fleet.merge import merge_fleet
-    from stadera.report.numbers import counted
 
     merged = merge_fleet(table, jobs)
     paths = {name: path if len(merged) == 1 else path.with_stem(f"{path.stem}-{Path(name).stem}") for name in merged}

@@ -35,6 +35,7 @@ from stadera.fleet.table import FleetTable
 from stadera.types import Array
 
 LogRow = Mapping[str, Any]
+CHANCE = 0.01  # of any report from an unchanged fleet
 
 TRUNK: Mapping[str, tuple[str, str, float]] = {
     "trunk_mass": ("trunk mass", "kg", 1.0),
@@ -170,7 +171,7 @@ class Departure:
         }
 
 
-def departures(fleet: Sequence[FleetSeries], chance: float = 0.01) -> list[Departure]:
+def departures(fleet: Sequence[FleetSeries], chance: float = CHANCE) -> list[Departure]:
     """Detects departures in all series, the most significant first; `chance` is the probability of any report from an
     unchanged fleet.
     """

@@ -39,9 +39,6 @@ from stadera.information import Information, Unknowns
 from stadera.robot.model import Robot
 from stadera.trust import Trust
 
-LegInformation = Mapping[str, Information]
-"""By leg, one log's information: rows in units of their noise (`LegIdentification.information`)."""
-
 _DAILY = "offset"
 
 
@@ -71,10 +68,11 @@ class MergedLegs:
 
 
 def merge_legs(
-    robot: Robot, logs: Mapping[str, LegInformation], settings: IdentifySettings | None = None
+    robot: Robot, logs: Mapping[str, Mapping[str, Information]], settings: IdentifySettings | None = None
 ) -> MergedLegs:
-    """Merges the information of several logs, by name, on the legs of one robot, whose model is the prior. Raises
-    IdentificationError: no logs, or no leg in any of them. UnknownNameError: a log belongs to another robot.
+    """Merges the information of several logs, by name and by leg, on the legs of one robot, whose model is the prior;
+    its rows are in units of their noise, see `LegIdentification.information`. Raises IdentificationError: no logs, or
+    no leg in any of them. UnknownNameError: a log belongs to another robot.
     """
     settings = settings or IdentifySettings()
     tasks = [LegTask.of(robot, leg, settings) for leg in robot.legs if any(leg.name in log for log in logs.values())]
@@ -89,11 +87,7 @@ def merge_legs(
     estimates = solve_legs(asked, settings.method, settings.spread, settings.solver, lambda *_: None)
     legs = tuple(
         LegIdentification(
-            task.leg,
-            task.nominal,
-            estimate,
-            structural_rank=estimate.observability.rank,
-            information=fit.total,
+            task.leg, task.nominal, estimate, structural_rank=estimate.observability.rank, information=fit.total
         )
         for task, fit, estimate in zip(tasks, fits, estimates, strict=True)
     )

@@ -23,7 +23,7 @@ from typing import Any, TypeVar
 
 import stadera
 from stadera.boundary import foreign
-from stadera.errors import MissingExtraError, StaderaError, require_positive
+from stadera.errors import StaderaError, of_extra, require_positive
 from stadera.process import collect_rarely, keep_loaded
 
 Task = TypeVar("Task")
@@ -109,7 +109,8 @@ def run_tasks(
 
 def attempted(run: Callable[[Task], Found], task: Task) -> Found | Failure:
     """Runs a task; an expected error becomes a `Failure`. Uses one thread, since there are as many processes as cores,
-    and so that sums have the same order on every machine. Afterwards the task's memory is free.
+    and so that sums have the same order on every machine. Afterwards the task's memory is free, and what the first one
+    loaded is left out when the garbage of later ones is collected.
     """
     from threadpoolctl import threadpool_limits
 
@@ -120,13 +121,7 @@ def attempted(run: Callable[[Task], Found], task: Task) -> Found | Failure:
             return Failure(str(error))
         finally:
             release_memory()
-
-
-def attempted_by_worker(run: Callable[[Task], Found], task: Task) -> Found | Failure:
-    """The same in a worker: what its first task loads is left out when the garbage of later ones is collected."""
-    outcome = attempted(run, task)
-    keep_loaded()
-    return outcome
+            keep_loaded()
 
 
 def release_memory() -> None:
@@ -146,7 +141,7 @@ def release_memory() -> None:
 def _gathered(client: Any, run: Callable[[Task], Found], tasks: Mapping[str, Task]) -> Iterator[tuple[str, Any]]:
     from distributed import KilledWorker, as_completed
 
-    waiting = client.map(attempted_by_worker, [run] * len(tasks), list(tasks.values()), pure=False, batch_size=1000)
+    waiting = client.map(attempted, [run] * len(tasks), list(tasks.values()), pure=False, batch_size=1000)
     names = {future.key: name for future, name in zip(waiting, tasks, strict=True)}
     completed = as_completed(waiting, loop=client.loop)  # type: ignore[no-untyped-call]
     del waiting  # outcomes are released as soon as they are yielded
@@ -161,11 +156,9 @@ def _gathered(client: Any, run: Callable[[Task], Found], tasks: Mapping[str, Tas
 
 @contextmanager
 def _client(pool: Pool) -> Iterator[Any]:
-    try:
+    with of_extra("distributed", "fleet", "more than one worker"):
         import dask
         import distributed
-    except ImportError:
-        raise MissingExtraError("distributed", "fleet", "more than one worker") from None
     if pool.scheduler is not None:
         try:
             client: Any = distributed.Client(  # type: ignore[no-untyped-call]
@@ -215,13 +208,9 @@ def dask_setup(worker: object) -> None:
     collect_rarely()
 
 
-Entry = Mapping[str, Any]
-"""Plain values."""
-
-
-def read_journal(path: Path) -> Iterator[Entry]:
-    """Entries written by this version of the package; incomplete lines are skipped, and a missing file has no
-    entries.
+def read_journal(path: Path) -> Iterator[dict[str, Any]]:
+    """Entries written by this version of the package, plain values; incomplete lines are skipped, and a missing file
+    has no entries.
     """
     if not path.exists():
         return
@@ -236,7 +225,7 @@ def read_journal(path: Path) -> Iterator[Entry]:
 
 
 @contextmanager
-def journal(path: Path) -> Iterator[Callable[[Entry], None]]:
+def journal(path: Path) -> Iterator[Callable[[Mapping[str, Any]], None]]:
     """Yields a function that appends entries immediately. Creates the folder if necessary. Raises StaderaError: it
     cannot be written.
     """
@@ -246,7 +235,7 @@ def journal(path: Path) -> Iterator[Callable[[Entry], None]]:
     with file:
         file.write("\n")  # ends an incomplete line
 
-        def append(entry: Entry) -> None:
+        def append(entry: Mapping[str, Any]) -> None:
             file.write(json.dumps({"version": stadera.__version__, **entry}, ensure_ascii=False) + "\n")
             file.flush()
 

@@ -6,7 +6,6 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import pairwise
 from math import nan
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,6 +13,7 @@ from rich.text import Text
 
 from stadera.constants import DAY
 from stadera.fleet.departures import (
+    CHANCE,
     JOINT,
     TRUNK,
     Departure,
@@ -170,21 +170,15 @@ def _texts(series: FleetSeries, which: Sequence[int], pages: Mapping[str, str]) 
     return {"hover": tuple(hover), "links": tuple(links)}
 
 
-def fleet_html(
-    table: FleetTable,
-    pages: Mapping[str, str],
-    memories: Mapping[str, tuple[Robot, Memory]] = MappingProxyType({}),
-    chance: float = 0.01,
-) -> str:
+def fleet_html(table: FleetTable, pages: Mapping[str, str], memories: Mapping[str, tuple[Robot, Memory]]) -> str:
     """The complete, self-contained page.
 
     Args:
         pages: addresses of logs' pages, by log; those of other logs do not exist.
         memories: model and memory of robots, by name.
-        chance: probability of reporting any departure from an unchanged fleet.
     """
     fleet = list(series_of(table))
-    found = departures(fleet, chance)
+    found = departures(fleet)
     failed = [row for row in table.rows if row["status"] == "failed"]
     robots, drawn = by_robot(table.rows), _drawn(fleet, found, pages)
     return render(
@@ -194,7 +188,7 @@ def fleet_html(
         headline=_headline(found, fleet, len(failed), len(table.rows)),
         word="to be looked at" if found or failed else "good",
         why=f"{counted(looks_at(fleet), 'comparison')}; the chance that any of them reports an unchanged fleet is at "
-        f"most {number(100.0 * chance, 1)} %.",
+        f"most {number(100.0 * CHANCE, 1)} %.",
         next=_advice(found, failed),
         robots=robots_table(table),
         failed=_failed_table(failed) if failed else None,
