@@ -74,11 +74,11 @@ class Clearance:
 
     def distance(self, position: Array) -> Array:
         """Least distance to any body at poses (samples, n) [rad], (samples,) [m]; above `far` a lower bound of it."""
-        return self._least(position, kept=False)
+        return self._least(position, kept=False, far=self.far)
 
     def slack(self, position: Array) -> Array:
         """`distance` minus the distance to keep: not negative if the pose is clear."""
-        return self._least(position, kept=True)
+        return self._least(position, kept=True, far=self.far)
 
     def height(self, position: Array) -> Array:
         """Height of the leg's lowest point above the ground, (samples,) [m]; infinite without ground."""
@@ -90,24 +90,17 @@ class Clearance:
         return np.asarray(np.min(lowest, axis=0) - self.ground)
 
     def clear(self, position: Array) -> bool:
-        """True if `slack` is nowhere negative, rounding aside, at poses (samples, n) [rad]; ends at a pair that is."""
-        if (self.height(position) < self.margin - ROUNDING).any():
-            return False
-        poses, allowed = self._poses(position), np.array([pair[2] for pair in self.pairs])
-        near = self._between_spheres(poses) < allowed
-        return all(
-            (self._exact(poses, k, np.flatnonzero(near[:, k])) >= allowed[k] - ROUNDING).all()
-            for k in np.flatnonzero(near.any(axis=0)).tolist()
-        )
+        """True if `slack` is nowhere negative, rounding aside, at poses (samples, n) [rad]."""
+        return bool((self._least(position, kept=True, far=self.margin) >= -ROUNDING).all())
 
-    def _least(self, position: Array, kept: bool) -> Array:
+    def _least(self, position: Array, kept: bool, far: float) -> Array:
         least = self.height(position) - (self.margin if kept else 0.0)
         poses = self._poses(position)
         apart = self._between_spheres(poses)
         for k, (_, _, least_allowed) in enumerate(self.pairs):
             allowed, found = least_allowed if kept else 0.0, apart[:, k]
             # pairs that cannot be the closest need no exact distance
-            near = np.flatnonzero(found < np.minimum(least + allowed, self.far))
+            near = np.flatnonzero(found < np.minimum(least + allowed, far))
             found[near] = self._exact(poses, k, near)
             least = np.minimum(least, found - allowed)
         return least

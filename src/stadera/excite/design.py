@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from stadera.body import FrictionModel, JointMotion
+from stadera.body import FrictionModel
 from stadera.errors import IdentificationError, positive, require_positive
 from stadera.excite.bounds import LegBounds, Margins
 from stadera.excite.optimise import FourierSearch, LegExperiment, optimal_excitation
@@ -117,26 +117,17 @@ def motion_table(robot: Robot, reference: Reference, whole: bool = True) -> Reco
     """Converts a motion to a table for a controller: position, velocity and acceleration of each joint over time, to
     nine decimals; if `whole`, with the robot's other joints at rest in the nominal stance.
     """
-    motion: JointMotion = reference
-    joints = reference.joints
-    if whole:
-        joints = robot.tree.joints
-        columns = [joints.index(joint) for joint in reference.joints]
-        position = np.tile(standing_configuration(robot), (len(reference), 1))
-        motion = JointMotion(position, np.zeros_like(position), np.zeros_like(position))
-        for name, values in vars(motion).items():
-            values[:, columns] = getattr(reference, name)
-    position, velocity, acceleration = (
-        np.round(values, 9) + 0.0 for values in (motion.position, motion.velocity, motion.acceleration)
-    )
-    return Recording(
-        reference.time,
-        joints,
-        position,
-        velocity,
-        acceleration,
-        source=f"excitation of {robot.name}",
-    )
+    joints, rest = (robot.tree.joints, standing_configuration(robot)) if whole else (reference.joints, 0.0)
+    columns, shape = [joints.index(joint) for joint in reference.joints], (len(reference), len(joints))
+
+    def played(still: Array | float, moving: Array) -> Array:
+        values = np.full(shape, still)
+        values[:, columns] = moving
+        return np.round(values, 9) + 0.0
+
+    position = played(rest, reference.position)
+    velocity, acceleration = played(0.0, reference.velocity), played(0.0, reference.acceleration)
+    return Recording(reference.time, joints, position, velocity, acceleration, source=f"excitation of {robot.name}")
 
 
 def _appraised(

@@ -27,6 +27,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
+from itertools import count
 
 import numpy as np
 from scipy.optimize import minimize
@@ -98,9 +99,6 @@ class LegExperiment:
     def _information(self, motion: JointMotion, noise: Array) -> Information:
         torque = np.zeros_like(motion.position)
         return Information.of(self.regressor.rows(motion, torque, std=noise), self.regressor.columns)
-
-
-Progress = Callable[[float], None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -232,7 +230,7 @@ def optimal_excitation(
     rng: np.random.Generator,
     duration: float = 180.0,
     search: FourierSearch | None = None,
-    progress: Progress | None = None,
+    progress: Callable[[float], None] | None = None,
 ) -> Sinusoids:
     """The most informative motion found for this experiment, at rest at both ends of its duration [s].
 
@@ -241,22 +239,24 @@ def optimal_excitation(
     """
     search = search or FourierSearch()
     check_duration(duration)
-    report = progress or (lambda share: None)
     period = search.harmonics / search.top_frequency
     series = FourierSeries(experiment.bounds, search.harmonics, period, duration)
     problem = _Problem(experiment, series, experiment.bounds.clearance_map, search)
-    part = 1.0 / (search.starts + 1)
+    most, report = search.iterations * len(search.penalties), progress or (lambda share: None)
+
+    def stepping(part: int) -> Callable[[], None]:
+        """Tells of the steps of a part of the work: of a start, or of the corrections after them."""
+        steps = count(1)
+        return lambda: report((part + min(1.0, next(steps) / most)) / (search.starts + 1))
+
     found: list[tuple[float, Array]] = []
     for start in range(search.starts):
-        x = problem.solve(problem.start(rng), search.penalties, partial(_advance, report, start * part, part))
+        x = problem.solve(problem.start(rng), search.penalties, stepping(start))
         found.append((problem.merit(x), x))
     best = max(found, key=lambda pair: pair[0])[1]
-    motion = series.motion(problem.tightened(best, partial(_advance, report, 1.0 - part, part)))
+    motion = series.motion(problem.tightened(best, stepping(search.starts)))
+    report(1.0)
     return motion.drawn_in(fitting_factor(motion, experiment.bounds))
-
-
-def _advance(report: Progress, done: float, part: float, share: float) -> None:
-    report(min(1.0, done + part * min(1.0, share)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -277,32 +277,26 @@ class _Problem:
         swings = rng.normal(0.0, 0.2 / self.series.harmonics, self.series.unknowns - joints)
         return np.concatenate((poses[int(np.argmax(clear > 0.5 * clear.max()))], swings))
 
-    def solve(self, start: Array, penalties: tuple[float, ...], report: Progress) -> Array:
-        """A local optimum near `start`, with one penalty on bound violations after the other."""
-        x, steps, most = start, 0, self.search.iterations
-
-        def step_done(xk: Array) -> None:
-            nonlocal steps
-            steps += 1
-            report(steps / (most * len(penalties)))
-
+    def solve(self, x: Array, penalties: tuple[float, ...], step: Callable[[], None]) -> Array:
+        """A local optimum near `x`, with one penalty on bound violations after the other; `step` is called after each
+        step.
+        """
+        most = self.search.iterations
         for weight in penalties:
             cost = partial(self._cost_and_slope, weight=weight)
-            x = minimize(cost, x, method="L-BFGS-B", jac=True, callback=step_done, options={"maxiter": most}).x
-        report(1.0)
+            x = minimize(cost, x, method="L-BFGS-B", jac=True, callback=lambda xk: step(), options={"maxiter": most}).x
         return x
 
-    def tightened(self, x: Array, report: Progress) -> Array:
+    def tightened(self, x: Array, step: Callable[[], None]) -> Array:
         """The optimum near `x` after correcting the clearance map along the motion."""
-        problem, search, part = self, self.search, 1.0 / self.search.tightenings
-        for done in range(search.tightenings):
+        problem, search = self, self.search
+        for _ in range(search.tightenings):
             path = self.series.motion(x).at(self.series.instants(search.clearance_rate)).position
             slack = self.experiment.bounds.clearance.slack(path) - search.clearance_spare
             if slack.min() >= 0.0:
                 break
             problem = replace(problem, clearance=problem.clearance.lowered(path, slack))
-            x = problem.solve(x, search.penalties[-1:], partial(_advance, report, done * part, part))
-        report(1.0)
+            x = problem.solve(x, search.penalties[-1:], step)
         return x
 
     def merit(self, x: Array) -> float:

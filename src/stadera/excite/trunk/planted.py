@@ -20,6 +20,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from operator import add
 
 import numpy as np
 from scipy.interpolate import make_interp_spline
@@ -227,6 +228,9 @@ paper's test-bed.
 """
 
 
+_OF_JOINTS = ("rotor", "viscous", "coulomb", "offset", "load_friction", "gain", "encoder")
+
+
 class Drawn:
     """A robot as it may be, with errors drawn from the estimator's prior.
 
@@ -242,21 +246,20 @@ class Drawn:
         model = ErrorModel(robot, ModelErrors())
         drawn = rng.multivariate_normal(np.zeros(model.layout.count), model.covariance, method="eigh")
         self._p = {name: drawn[place] for name, place in model.layout.places.items()}
-        self._model, self._limit = robot, model.limit
+        # from the legs' order of joints to the tree's
+        order = np.argsort([robot.tree.joints.index(joint) for leg in robot.legs for joint in leg.joints])
+        self._p |= {name: self._p[name][order] for name in _OF_JOINTS}
+        self._model, self._limit = robot, model.limit[order]
         self._seed = int(rng.integers(2**32))
-        self._order = [robot.tree.joints.index(joint) for leg in robot.legs for joint in leg.joints]
         self.true = self._robot()
 
     def _robot(self) -> Robot:
         robot, p = self._model, self._p
-        own = np.abs([p[name] for name in ("rotor", "viscous", "coulomb")])
         dynamics, bodies, legs = {}, {}, []
-        for k, at in enumerate(self._order):
-            joint = robot.tree.joints[at]
-            rotor, viscous, coulomb, offset = (getattr(robot.dynamics[joint], n) for n in FRICTION_TERMS)
-            dynamics[joint] = JointDynamics(
-                rotor + own[0, k], viscous + own[1, k], coulomb + own[2, k], offset + p["offset"][k]
-            )
+        for k, joint in enumerate(robot.tree.joints):
+            more = [abs(p["rotor"][k]), abs(p["viscous"][k]), abs(p["coulomb"][k]), p["offset"][k]]
+            known = [getattr(robot.dynamics[joint], term) for term in FRICTION_TERMS]
+            dynamics[joint] = JointDynamics(*map(add, known, more))
         links = robot.tree.links[1:]
         moved = p["link_com"].reshape(3, len(links))
         for k, link in enumerate(links):
@@ -271,19 +274,12 @@ class Drawn:
 
     def measured(self, planted: Planted, payload: InertialParameters | None = None) -> Samples:
         """What the sensors say while `true` moves, with or without a payload on its trunk."""
-        p, motion = self._p, planted.motion
-        rng, order = np.random.default_rng(self._seed), self._order
+        p, motion, rng = self._p, planted.motion, np.random.default_rng(self._seed)
         trunk = self.true.inertias[self.true.trunk]
         effort, _ = planted.torques(trunk if payload is None else trunk + payload)
-        late, scale, zero, lost = np.empty_like(effort), *np.empty((3, len(order)))
-        lost[order] = np.abs(p["load_friction"])
-        effort += lost * np.abs(effort) * direction(motion.velocity)
-        scale[order] = 1.0 + p["gain"] + p["common_gain"]
-        zero[order] = p["encoder"]
-        for j in range(len(order)):
-            late[:, j] = np.interp(planted.time - abs(float(p["torque_lag"][0])), planted.time, effort[:, j])
-        limit = np.empty(len(order))
-        limit[order] = self._limit
+        effort += np.abs(p["load_friction"]) * np.abs(effort) * direction(motion.velocity)
+        before = planted.time - abs(float(p["torque_lag"][0]))
+        late = np.column_stack([np.interp(before, planted.time, torque) for torque in effort.T])
         w, turned = motion.angular_velocity, Rotation.from_rotvec(p["imu_rotation"]).as_matrix().T
         lever = np.broadcast_to(p["imu_lever"], w.shape)
         force = motion.specific_force + np.cross(motion.angular_acceleration, lever) + np.cross(w, np.cross(w, lever))
@@ -293,9 +289,9 @@ class Drawn:
 
         return Samples(
             planted.time,
-            noisy(motion.position + zero, _NOISE["position"]),
+            noisy(motion.position + p["encoder"], _NOISE["position"]),
             noisy(motion.velocity, _NOISE["velocity"]),
-            noisy(late * scale, _NOISE["effort"] * limit),
+            noisy(late * (1.0 + p["gain"] + p["common_gain"]), _NOISE["effort"] * self._limit),
             noisy(w @ turned, _NOISE["gyro"]),
             noisy(force @ turned + p["accelerometer"], _NOISE["accelerometer"]),
         )

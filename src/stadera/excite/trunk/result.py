@@ -120,11 +120,7 @@ class Interface:
 _TURNS = ("roll", "pitch", "yaw")
 
 INTERFACES: Mapping[str, Interface] = MappingProxyType(
-    {
-        "unitree": Interface((*_TURNS, "z"), 20.0),
-        "spot": Interface((*_TURNS, "z"), 10.0),
-        "ros2": Interface(AXES, 50.0),
-    }
+    {"unitree": Interface((*_TURNS, "z"), 20.0), "spot": Interface((*_TURNS, "z"), 10.0), "ros2": Interface(AXES, 50.0)}
 )
 """By name: sport mode of a Go2 or B2 by unitree_sdk2py, body control of a Spot by bosdyn-client, geometry_msgs/Pose on
 the topic body_pose.

@@ -121,8 +121,7 @@ def motion_figure(result: Excitation, shown: float = 30.0, rate: float = 100.0) 
 
 def excitation_tables(result: Excitation) -> Iterator[RenderableType]:
     """The motion's extremes by joint, its expected information, and the comparison with random draws."""
-    yield rich_table(limits_table(result))
-    yield rich_table(worth_table(result))
+    yield from map(rich_table, tables(result))
     yield from notes(result.experiment.bounds.clearance.notes)
     yield Text(verdict(result))
 
