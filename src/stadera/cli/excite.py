@@ -1,26 +1,20 @@
 """`stadera excite`: the most informative motion of a leg, or of a standing robot's trunk, for a controller."""
 
-from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
 from stadera.cli.options import Feet, LimitValues, ModelOptions, RobotName, flag, grouped, limits_of, option, refuse
 from stadera.cli.outputs import ResultFiles, check_table
 from stadera.cli.terminal import progress, show
+from stadera.errors import StaderaError
 
 if TYPE_CHECKING:
     from stadera.robot import Robot
 
 
-class Player(StrEnum):
-    """What `--out` is for."""
-
-    csv = "csv"
-    unitree = "unitree"
-    spot = "spot"
-    ros2 = "ros2"
+Player = Literal["csv", "unitree", "spot", "ros2"]
 
 
 @grouped
@@ -63,7 +57,7 @@ def excite(
     refuse("needs --leg" if trunk else "needs --trunk", of_leg if trunk else {"--for": player, "--seconds": seconds})
     model = ModelOptions(feet).load(robot, limits_of(limit))
     if leg is None:
-        _trunk(model, out, player or Player.csv, seconds, rate, seed, files)
+        _trunk(model, out, player or "csv", seconds, rate, seed, files)
         return
     from stadera.excite.design import ExciteSettings, motion_table
     from stadera.excite.design import excite as design
@@ -73,8 +67,7 @@ def excite(
     duration = ExciteSettings.duration if duration is None else duration
     settings = ExciteSettings(duration, rate, seed, random, stand_height=stand_height)
     files.check(out)
-    if out is not None:
-        check_table(out)
+    check_table(out)
     with progress() as watch:
         result = design(model, leg, settings, watch)
 
@@ -89,28 +82,27 @@ def excite(
 def _trunk(
     robot: "Robot", out: Path | None, player: Player, seconds: float | None, rate: float, seed: int, files: ResultFiles
 ) -> None:
-    from stadera.errors import StaderaError
     from stadera.excite.trunk.design import RoutineSettings, weighing_routine
     from stadera.excite.trunk.planted import AXES
     from stadera.excite.trunk.result import interface_named
     from stadera.report.excite.trunk import routine_tables
 
-    taken = AXES if player is Player.csv else interface_named(player.value).axes
+    taken = AXES if player == "csv" else interface_named(player).axes
     axes = tuple(axis for axis in RoutineSettings.axes if axis in taken)
     settings = RoutineSettings(RoutineSettings.seconds if seconds is None else seconds, rate, seed, axes)
     files.check(out)
-    if out is not None and player is Player.csv:
+    if player == "csv":
         check_table(out)
     elif out is not None and out.suffix.lower() != ".py":
-        raise StaderaError(f"{out}: the script for --for {player.value} is Python, written as .py")
+        raise StaderaError(f"{out}: the script for --for {player} is Python, written as .py")
     with progress() as watch:
         result = weighing_routine(robot, settings, watch)
 
     def written(draft: Path) -> None:
-        if player is Player.csv:
+        if player == "csv":
             result.save_table(draft)
         else:
-            result.save_player(draft, player.value)
+            result.save_player(draft, player)
 
     files.write_result(result, (out, written))
     show(*routine_tables(result))

@@ -4,28 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from enum import StrEnum
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
+from stadera.cli import options as opt
 from stadera.cli import parse
-from stadera.cli.options import (
-    Force,
-    LogOptions,
-    MemoryFile,
-    ModelOptions,
-    RobotOfLog,
-    argument,
-    flag,
-    grouped,
-    option,
-    remembered,
-)
+from stadera.cli.options import argument, flag, grouped, option, remembered
 from stadera.cli.outputs import ResultFiles, check_table
 from stadera.cli.terminal import progress, show
+from stadera.errors import UntrustedError
 
 if TYPE_CHECKING:
     from stadera.identify.result import Identification
@@ -33,19 +23,14 @@ if TYPE_CHECKING:
     from stadera.robot import Robot
 
 
-class Solver(StrEnum):
-    """Solution methods."""
-
-    CONSISTENT = "consistent"
-    NULL_SPACE = "null-space"
-
-
 @dataclass(frozen=True)
 class FitOptions:
     """Options for what is fitted, and to which signals."""
 
     legs: Annotated[str | None, option("RH,...", "Legs to identify [default: all]. LF, RF, LH, RH in any case.")] = None
-    method: Annotated[Solver, flag("Physically consistent, or CAD in the null space.")] = Solver.CONSISTENT
+    method: Annotated[Literal["consistent", "null-space"], flag("Physically consistent, or CAD in the null space.")] = (
+        "consistent"
+    )
     friction: Annotated[
         str, option("TERMS", "Joint terms to fit: some of armature,viscous,coulomb,offset; or 'none'.")
     ] = "armature,viscous,coulomb,offset"
@@ -63,14 +48,13 @@ class FitOptions:
         from stadera.body.friction import FrictionModel
         from stadera.identify.settings import IdentifySettings
 
-        method, friction = self.method.value, FrictionModel(terms)
-        return IdentifySettings(legs, method, friction, cutoff_hz, torque_lag=lag, up=up, split=split)
+        return IdentifySettings(legs, self.method, FrictionModel(terms), cutoff_hz, torque_lag=lag, up=up, split=split)
 
 
 @grouped
 def identify(
     logs: Annotated[list[Path], argument("LOG...", "Logs to fit; several are merged.")],
-    robot: RobotOfLog = None,
+    robot: opt.RobotOfLog = None,
     validate: Annotated[
         list[Path] | None, option("LOG", "Validate on this log instead of a part of LOG; repeatable.")
     ] = None,
@@ -86,12 +70,12 @@ def identify(
         str | None,
         option("[N=]F.csv", "Write N robots drawn from the posterior [1000], a row each; .csv or .parquet.", "--draws"),
     ] = None,
-    memory: MemoryFile = None,
-    force: Force = False,
+    memory: opt.MemoryFile = None,
+    force: opt.Force = False,
     *,
     fit: FitOptions,
-    options: LogOptions,
-    shape: ModelOptions,
+    options: opt.LogOptions,
+    shape: opt.ModelOptions,
     files: ResultFiles,
 ) -> None:
     """Identify legs, drives and trunk from logs: legs in the air, or a robot on its feet, in any mix.
@@ -112,8 +96,7 @@ def identify(
     model = shape.load(options.robot(robot, logs[0]), options.reading.limits)
     files.check(export, table, memory)
     known = remembered(memory, model)
-    if table is not None:
-        check_table(table)
+    check_table(table)
     save_model = _checked_export(model, export)
     training = [options.log(path) for path in logs]
     validation = [options.log(path) for path in validate or ()]
@@ -148,8 +131,6 @@ def _checked_export(robot: Robot, path: Path | None) -> Callable[[Identification
 
 
 def _require_trust(result: Identification, force: bool, export: Path | None) -> None:
-    from stadera.errors import UntrustedError
-
     if force:
         return
     if not result.rank and result.trunk is None:

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 from stadera.cli.options import LogOptions, ModelOptions, argument, grouped, limits_of, option, refuse
 from stadera.cli.outputs import GatedCommand
 from stadera.cli.terminal import progress, show
+from stadera.errors import ModelError, StaderaError, UntrustedError
+from stadera.report.numbers import counted
 
 if TYPE_CHECKING:
     from stadera.limits import Limits
@@ -94,9 +96,7 @@ def _named(reading: "ReadOptions", robot: "Robot") -> "ReadOptions":
 
 
 def _compare(first: str, second: str, limits: "Limits", shape: ModelOptions) -> None:
-    from stadera.errors import ModelError, UntrustedError
     from stadera.report.inspect import comparison
-    from stadera.report.numbers import counted
     from stadera.robot.values import differences
 
     for target in (first, second):
@@ -111,7 +111,6 @@ def _compare(first: str, second: str, limits: "Limits", shape: ModelOptions) -> 
 
 def _is_robot(target: str) -> bool:
     """True for a robot's name or an XML file; other files are logs. Raises StaderaError: neither a name nor a file."""
-    from stadera.errors import StaderaError
     from stadera.logs.topics import EXAMPLES
     from stadera.robot.catalog import CATALOG
 

@@ -11,24 +11,13 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from stadera.cli import options as opt
 from stadera.cli import parse
-from stadera.cli.options import (
-    Force,
-    JsonFile,
-    LimitValues,
-    LogOptions,
-    ModelOptions,
-    PoolOptions,
-    RobotName,
-    argument,
-    flag,
-    grouped,
-    limits_of,
-    option,
-    refuse,
-)
+from stadera.cli.options import argument, flag, grouped, limits_of, option, refuse
 from stadera.cli.outputs import ResultFiles, check_outputs, check_report, check_table, json_of, page_of, write_outputs
 from stadera.cli.terminal import progress, show
+from stadera.errors import RecordingError
+from stadera.report.numbers import number
 
 if TYPE_CHECKING:
     from stadera.lab.experiments.runner import ExperimentResult, Skipped
@@ -51,8 +40,7 @@ class RunOptions:
     errors: Annotated[
         str,
         option(
-            "ideal|standard|harsh|real|real-unit-gain",
-            "Kind of sensor errors; real: also of the robot and the ground.",
+            "ideal|standard|harsh|real|real-unit-gain", "Kind of sensor errors; real: also of the robot and the ground."
         ),
     ] = "standard"
     load: Annotated[
@@ -100,16 +88,16 @@ class RunOptions:
 def simulate(
     scenario: Annotated[str, argument(_SCENARIOS, "Motion of the robot.")],
     out: Annotated[Path, option("LOG", "Write the log, .csv or .parquet, and the truth.")],
-    robot: RobotName = "hyq",
+    robot: opt.RobotName = "hyq",
     leg: Annotated[str | None, option("LF|all", "The leg that swings [default: all].")] = None,
-    limit: LimitValues = None,
+    limit: opt.LimitValues = None,
     model: Annotated[
         Path | None,
         option("F.urdf", "Write the model to weigh with, which harsh errors modify.", "--model", "--believed"),
     ] = None,
     *,
     options: RunOptions,
-    shape: ModelOptions,
+    shape: opt.ModelOptions,
 ) -> None:
     """Simulate a robot that stands, walks or swings its legs in the air, and write its sensor values as a log.
 
@@ -157,7 +145,6 @@ def _write(run: Run, out: Path, model: Path | None) -> None:
 
 def _print(run: Run, out: Path) -> None:
     from stadera.lab.truth import truth_paths
-    from stadera.report.numbers import number
 
     log, last = run.recording, run.truth.moments[-1]
     com = ", ".join(number(value) for value in last.com)
@@ -179,7 +166,7 @@ _DEMO = Path("out") / "demo.html"
 
 def demo(
     report: Annotated[Path, option("F.html", "Write an HTML report.")] = _DEMO,
-    json: JsonFile = None,
+    json: opt.JsonFile = None,
     seed: Annotated[int, option("N", "Seed of the sensor errors.", min=0)] = 0,
     classic: Annotated[
         bool, flag("Stop and weigh at rest, as in the paper, instead of while walking.", "--classic")
@@ -223,10 +210,10 @@ def replay(
     torque_lag: Annotated[
         str, option("SECONDS|auto", "Delay of the torques relative to their stamps; 'auto': of the JSON, else none.")
     ] = "auto",
-    force: Force = False,
+    force: opt.Force = False,
     *,
-    shape: ModelOptions,
-    options: LogOptions,
+    shape: opt.ModelOptions,
+    options: opt.LogOptions,
     files: ResultFiles,
 ) -> None:
     """Replay a log in MuJoCo: do the identified values predict the robot's motion better?
@@ -236,7 +223,6 @@ def replay(
     """
     lag = parse.torque_lag(torque_lag)
 
-    from stadera.errors import RecordingError
     from stadera.lab import require_lab
     from stadera.logs.topics import PdGains
     from stadera.report.table import rich_table
@@ -287,7 +273,7 @@ def reproduce(
     ] = None,
     robots: Annotated[str | None, option("A,B,...", "For the same: of its robots these only.")] = None,
     *,
-    processes: PoolOptions,
+    processes: opt.PoolOptions,
     files: ResultFiles,
 ) -> None:
     """Reproduce tables and figures of the paper, and compare them with their bounds.

@@ -17,8 +17,9 @@ import typer
 
 from stadera.cli import options as opt
 from stadera.cli.options import LogOptions, RobotOptions, argument, grouped, option, remembered
-from stadera.cli.outputs import REPLAY
+from stadera.cli.outputs import REPLAY, check_outputs
 from stadera.cli.terminal import show
+from stadera.errors import StaderaError
 
 if TYPE_CHECKING:
     from stadera.live import Answer, LiveSession, LiveState
@@ -56,7 +57,6 @@ def live(
     on_scale = weighed.on_scale
     log = options.log(Path(source.removeprefix(REPLAY))) if source != "zenoh" else None
 
-    from stadera.cli.outputs import check_outputs
     from stadera.files import written_together
     from stadera.live import LiveSession
     from stadera.live.link import Endpoints
@@ -87,8 +87,6 @@ def live(
 
 def _require_done(session: LiveSession, last: LiveState, log: LogFile | None) -> None:
     """Raises StaderaError: no sample of a log was used, or the tare that was asked for was never taken."""
-    from stadera.errors import StaderaError
-
     if log is not None and isnan(last.time):
         raise StaderaError(f"{log}: nothing is weighed, for want of {'; '.join(last.waiting_for) or 'samples'}")
     if session.tare_after is not None:

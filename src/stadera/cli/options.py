@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING, Annotated, Any, cast
 import typer
 
 from stadera.cli import parse
+from stadera.cli.terminal import progress, show
+from stadera.errors import RecordingError
 
 if TYPE_CHECKING:
     from stadera.fleet.pool import Pool
@@ -209,8 +211,6 @@ class LogOptions:
         """The robot given, else the one that a log's metadata name, else the only one with its joints, which is shown.
         Raises RecordingError: neither; lists those that have the joints.
         """
-        from stadera.cli.terminal import progress, show
-        from stadera.errors import RecordingError
         from stadera.fleet.jobs import robot_named_in
         from stadera.logs.reader import read_head
         from stadera.robot.load import guessed

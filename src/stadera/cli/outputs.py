@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from typer.core import TyperCommand
 
 from stadera.cli.options import JsonFile, ReportFile, option
+from stadera.cli.terminal import show
 from stadera.errors import RecordingError, StaderaError
 from stadera.files import require_writable, write_text, written_together
 from stadera.results import Result, json_text
@@ -36,11 +37,11 @@ def check_outputs(outputs: Iterable[Path | None]) -> None:
         taken.add(place)
 
 
-def check_table(path: Path) -> None:
-    """Checks that the path's suffix is a format for tables. Raises RecordingError: another suffix."""
+def check_table(path: Path | None) -> None:
+    """Checks that the path's suffix is a format for tables, None for no table. Raises RecordingError: it is not."""
     from stadera.logs.frames import SUFFIXES
 
-    if path.suffix.lower() not in SUFFIXES:
+    if path is not None and path.suffix.lower() not in SUFFIXES:
         raise RecordingError(f"{path}: a table is written as one of {', '.join(SUFFIXES)}")
 
 
@@ -175,8 +176,6 @@ class GatedCommand(TyperCommand):
 
 
 def _show_written(files: Iterable[tuple[Path, bool]]) -> None:
-    from stadera.cli.terminal import show
-
     written: dict[Path, bool] = {}
     for path, replaced in files:  # files written repeatedly are reported once
         written.setdefault(path, replaced)
@@ -204,7 +203,6 @@ def _files(text: str, parameter: str) -> Iterator[Path]:
 
 
 def _robot(text: str) -> Path:
-    from stadera.errors import StaderaError
     from stadera.robot.catalog import resolve
 
     try:

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Literal
 
 import typer
 
+from stadera.errors import IdentificationError
+
 if TYPE_CHECKING:
     from stadera.weigh.settings import TestWeight
 
@@ -84,7 +86,6 @@ def load(value: str) -> tuple[float, Literal["kg", "N"]]:
 
 def tare(value: str) -> tuple[float, float] | Path:
     """A range of time "T0:T1" [s], or the path of a log."""
-    from stadera.errors import IdentificationError
     from stadera.weigh.settings import tare_of
 
     try:

@@ -9,6 +9,8 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, TextIO
 
+from stadera.errors import StaderaError
+
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
@@ -22,8 +24,6 @@ def show(*renderables: RenderableType) -> None:
     If the reader of a pipe stops reading, the rest is discarded without an error.
     """
     from rich.console import Console
-
-    from stadera.errors import StaderaError
 
     width = None if sys.stdout.isatty() else 140
     console = Console(highlight=False, markup=False, emoji=False, width=width)

@@ -9,6 +9,7 @@ from stadera.cli import parse
 from stadera.cli.options import ModelOptions, RobotOptions, argument, grouped, option, remembered
 from stadera.cli.outputs import ResultFiles, write_outputs
 from stadera.cli.terminal import progress, show
+from stadera.errors import IdentificationError
 
 
 @grouped
@@ -93,7 +94,6 @@ def compare(
     unloaded = options.tare(tare)
     on_scale = None if weight is None else parse.weight(weight)
 
-    from stadera.errors import IdentificationError
     from stadera.report.table import notes, rich_table
     from stadera.report.weigh.comparison import reasons
     from stadera.weigh.compare import compare as compare_logs

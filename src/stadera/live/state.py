@@ -8,6 +8,7 @@ from typing import Any
 from stadera.constants import DAY
 from stadera.errors import require_positive
 from stadera.logs.bags.container import BagSettings
+from stadera.report.numbers import number, with_std
 from stadera.results import finite_or_none
 from stadera.trunk.load import LoadChange, Payload
 from stadera.trunk.result import TrunkParameters
@@ -115,8 +116,6 @@ class LiveState:
 
     def bodies(self) -> dict[str, list[str]]:
         """`BODY` of the trunk, and after a tare of the payload, as text with standard deviations."""
-        from stadera.report.numbers import with_std
-
         trunk, payload = self.trunk, self.payload
         found = {"trunk": (trunk.inertial.mass, trunk.mass_std, trunk.com, trunk.com_std)}
         if payload is not None:
@@ -128,8 +127,6 @@ class LiveState:
 
     def figures(self) -> dict[str, str]:
         """The values as text with units and standard deviations, for people."""
-        from stadera.report.numbers import number, with_std
-
         bodies = [(name, *each) for name, texts in self.bodies().items() for each in zip(BODY, texts, strict=True)]
         shown = {f"{name} {quantity}": f"{text}{self.mark}" for name, quantity, text in bodies}
         if self.payload is not None and self.payload.at:
