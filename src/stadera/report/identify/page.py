@@ -7,25 +7,8 @@ import numpy as np
 
 from stadera.identify.result import MODELS, Identification, LegIdentification, TorqueTrace
 from stadera.report.figures import Axis, Bars, Figure, Guide, Panel, Series, line, stacked
-from stadera.report.identify.tables import (
-    HEADLINES,
-    MODEL_NAMES,
-    answer,
-    combination_table,
-    drives_table,
-    evaluated_part,
-    has_errors,
-    is_untested,
-    leg_table,
-    level,
-    link_table,
-    link_tables,
-    overall_rmse,
-    remarks,
-    rmse_table,
-    tables,
-    trunk_table,
-)
+from stadera.report.identify import tables as words
+from stadera.report.identify.tables import MODEL_NAMES, tables
 from stadera.report.look import ROLES
 from stadera.report.numbers import compared, number
 from stadera.report.page import render
@@ -55,7 +38,7 @@ def next_steps(result: Identification, enough: float = 0.6) -> Iterator[str]:
             "Mend the log or the model file and identify again."
         )
         return
-    if is_untested(result):
+    if words.is_untested(result):
         yield "This fit is untested: hold back a part, `--split 0.5`, or give another log, `--validate LOG`."
     shares = {leg.estimate.observability.rank / leg.structural_rank: leg for leg in result.legs if leg.rmse}
     if shares and min(shares) < enough:
@@ -75,24 +58,24 @@ def next_steps(result: Identification, enough: float = 0.6) -> Iterator[str]:
 
 def html(result: Identification) -> str:
     """The complete, self-contained page."""
-    part, said = evaluated_part(result), remarks(result)
-    drives = drives_table(result)
+    part, said = words.evaluated_part(result), words.remarks(result)
+    drives = words.drives_table(result)
     return render(
         "identify.html.j2",
         title=f"Leg identification: {result.robot.name}",
-        headline=answer(result),
+        headline=words.answer(result),
         level=LEVELS[result.trust.verdict],
         word=f"Trust: {result.trust.verdict}",
-        why=f"{trust_reasons(result.trust)} {HEADLINES[level(result)]}.",
+        why=f"{trust_reasons(result.trust)} {words.HEADLINES[words.level(result)]}.",
         next=tuple(next_steps(result)),
         problems=[remark for remark in said if remark.level == "bad"],
         remarks=[remark for remark in said if remark.level != "bad"],
-        cards=_cards(overall_rmse(result, part)),
-        at_a_glance=leg_table(result),
+        cards=_cards(words.overall_rmse(result, part)),
+        at_a_glance=words.leg_table(result),
         drives=marked(drives, result.trust) if drives.groups else None,
-        trunk=None if result.trunk is None else marked(trunk_table(result), result.trust),
+        trunk=None if result.trunk is None else marked(words.trunk_table(result), result.trust),
         where=f"motion not used for fitting: {result.validated_on}" if part == "validation" else "the TRAINING data",
-        errors=rmse_table(result) if has_errors(result) else None,
+        errors=words.rmse_table(result) if words.has_errors(result) else None,
         error_bars=rmse_figure(result.legs, part),
         legs=[_leg(leg, part, result.trust) for leg in result.legs],
         facts=_facts(result),
@@ -133,8 +116,8 @@ def _leg(leg: LegIdentification, part: str, trust: Trust) -> dict[str, object]:
     return {
         "name": leg.leg.name,
         "lead": f"The log determines {seen.rank} of {len(seen.columns)} directions better than CAD does. {could}",
-        "links": [marked(table, trust) for table in link_tables(leg)],
-        "combinations": marked(combination_table(leg), trust) if leg.combinations else None,
+        "links": [marked(table, trust) for table in words.link_tables(leg)],
+        "combinations": marked(words.combination_table(leg), trust) if leg.combinations else None,
         "plots": [figure for figure in drawn if not figure.is_empty],
     }
 
@@ -144,10 +127,10 @@ _WIDTHS = {"measured": 2.2, "identified": 1.4}  # px; 1.2 for others
 
 def figures(result: Identification) -> dict[str, Figure | TableData]:
     """All figures by name, the most informative first; names of a leg's figures end in the leg's name."""
-    part, found = evaluated_part(result), dict[str, Figure | TableData]()
+    part, found = words.evaluated_part(result), dict[str, Figure | TableData]()
     for leg in result.legs:
         end = f"-{leg.leg.name}" if len(result.legs) > 1 else ""
-        found |= {f"torques{end}": torque_figure(leg), f"observability{end}": link_table(leg)}
+        found |= {f"torques{end}": torque_figure(leg), f"observability{end}": words.link_table(leg)}
         found |= {f"errors{end}": error_figure(leg), f"spread{end}": spread_figure(leg, part)}
     found["rmse"] = rmse_figure(result.legs, part)
     return {name: figure for name, figure in found.items() if isinstance(figure, TableData) or not figure.is_empty}
@@ -168,12 +151,7 @@ def error_figure(leg: LegIdentification) -> Figure:
 
 
 def _over_time(
-    leg: LegIdentification,
-    title: str,
-    quantity: str,
-    note: str,
-    roles: Sequence[str],
-    hidden: Sequence[str] = (),
+    leg: LegIdentification, title: str, quantity: str, note: str, roles: Sequence[str], hidden: Sequence[str] = ()
 ) -> Figure:
     """A curve of each role's torques, or of their errors without the role "measured", in a panel of each joint."""
     traces, panels = plotted_traces(leg.traces), []
