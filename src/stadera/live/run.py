@@ -167,8 +167,7 @@ def run(
         gc.freeze()
         worker.start()
         if log is not None:
-            frame, fix = session.imu_frame, session.fix
-            replay(log, session.robot, worker, stop, rate, imu_frame=frame, fix=fix)
+            replay(log, session.robot, worker, stop, rate, imu_frame=session.imu_frame, fix=session.fix)
         else:
             while not stop.wait(0.05) and worker.failure is None:  # s, until a failure of the worker is noticed
                 pass

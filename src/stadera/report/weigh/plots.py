@@ -66,7 +66,9 @@ def _panel(
         moments = result.truth.moments
         times, trues = [*(m.time for m in moments), result.end], [*map(true, moments), true(moments[-1])]
         marks.append(Series(np.array(times), np.array(trues), "truth", "green", 1.5, dashed=True, stairs="hold"))
-    return Panel(axis, Axis(quantity, limits=room(values, std)), tuple(marks), _guides(result))
+    refused = (Guide(r.begin, r.end, colour="amber", name="not used") for r in result.refusals)
+    guides = (*refused, *(Guide(change.time, name="change of the load") for change in result.changes))
+    return Panel(axis, Axis(quantity, limits=room(values, std)), tuple(marks), guides)
 
 
 def room(values: Array, std: Array) -> tuple[float, float] | None:
@@ -79,11 +81,6 @@ def room(values: Array, std: Array) -> tuple[float, float] | None:
     low, high = float(values[known].min()), float(values[known].max())
     room = max(3.0 * float(std[known][-1]), 0.15 * (high - low)) or 1.0
     return low - room, high + room
-
-
-def _guides(result: Weighing) -> tuple[Guide, ...]:
-    refused = (Guide(r.begin, r.end, colour="amber", name="not used") for r in result.refusals)
-    return (*refused, *(Guide(change.time, name="change of the load") for change in result.changes))
 
 
 _DEVIATIONS = "± 2 standard deviations"

@@ -16,8 +16,6 @@ from stadera.types import Array
 from stadera.weigh.next_steps import NextStep
 from stadera.weigh.result import Weighing
 
-_HEAD = ("trunk frame", "mass [kg]", "com x [m]", "com y [m]", "com z [m]")
-
 
 def place(com: Array, std: Array) -> tuple[str, str, str]:
     """A centre of mass (3,) with its standard deviations."""
@@ -41,7 +39,21 @@ def processing(result: Weighing) -> dict[str, str]:
 
 def bodies_table(result: Weighing) -> TableData:
     """Mass and centre of mass of the model file's trunk, the estimated trunk, the payload, and the truth."""
-    return TableData.of(f"Weighed by the method {result.method!r}", _HEAD, _bodies(result))
+    prior, payload = result.robot.inertias[result.robot.trunk], result.payload
+    found = np.array([result.mass, *result.com]), np.array([result.mass_std, *result.com_std])
+    rows: list[Row] = [("trunk, CAD", number(prior.mass), *_exact(prior.com))]
+    rows.append(("trunk with all on it", *_cells(result, *found)))
+    if payload is not None:
+        found = np.array([payload.mass, *payload.com]), np.array([payload.mass_std, *payload.com_std])
+        elsewhere = payload.at and f", at and in the frame of {payload.at}"
+        rows.append((f"payload since the tare{elsewhere}", *_cells(result, *found)))
+    if result.truth is not None:
+        moment = result.truth.at(result.time)
+        rows.append(("truth: trunk with all on it", number(moment.mass), *_exact(moment.com)))
+        if moment.payload_com is not None:
+            rows.append(("truth: payload", number(moment.payload_mass), *_exact(moment.payload_com)))
+    head = ("trunk frame", "mass [kg]", "com x [m]", "com y [m]", "com z [m]")
+    return TableData.of(f"Weighed by the method {result.method!r}", head, rows)
 
 
 def inertia_table(result: Weighing) -> TableData | None:
@@ -115,22 +127,6 @@ def refusals_table(result: Weighing, most: int) -> TableData:
     """The first `most` periods that were not used, and why."""
     rows = ((f"{r.begin:.2f} to {r.end:.2f} s", r.reason) for r in result.refusals[:most])
     return TableData.of("Times not used", ("time", "because"), rows, sides="lw")
-
-
-def _bodies(result: Weighing) -> Iterator[Row]:
-    prior, payload = result.robot.inertias[result.robot.trunk], result.payload
-    yield "trunk, CAD", number(prior.mass), *_exact(prior.com)
-    found = np.array([result.mass, *result.com]), np.array([result.mass_std, *result.com_std])
-    yield "trunk with all on it", *_cells(result, *found)
-    if payload is not None:
-        found = np.array([payload.mass, *payload.com]), np.array([payload.mass_std, *payload.com_std])
-        elsewhere = payload.at and f", at and in the frame of {payload.at}"
-        yield f"payload since the tare{elsewhere}", *_cells(result, *found)
-    if result.truth is not None:
-        moment = result.truth.at(result.time)
-        yield "truth: trunk with all on it", number(moment.mass), *_exact(moment.com)
-        if moment.payload_com is not None:
-            yield "truth: payload", number(moment.payload_mass), *_exact(moment.payload_com)
 
 
 def _cells(result: Weighing, values: Array, std: Array) -> list[Cell]:
