@@ -7,7 +7,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stadera.errors import ClosedLoopError, RecordingError
 from stadera.logs.bags.container import BagSettings, Decoded, Message, Topic
@@ -34,17 +33,12 @@ class LowStates:
     def __init__(
         self, topic: Topic, encoding: str, joints: Sequence[str] | None, settings: BagSettings | None = None
     ) -> None:
-        at = _offsets(topic, aligned=encoding == "cdr")
-        count = 1 + max(int(name.split(".")[1]) for name in at if name.startswith("motor_state."))
+        self._start, self._record = 4 if encoding == "cdr" else 0, _record_of(topic, aligned=encoding == "cdr")
         self._names = motors_of(topic.kind, joints)
         motors = [f"motor_state.{k}.{name}" for name in ("q", "dq", "tau_est") for k in range(len(self._names))]
-        self._mode = at.get("mode_pr") if self._names is G1_MOTORS else None
         imu = [f"imu_state.gyroscope.{k}" for k in range(3)] + [f"imu_state.accelerometer.{k}" for k in range(3)]
         quaternion = [f"imu_state.quaternion.{k}" for k in (1, 2, 3, 0)]  # w comes first in the message
-        self._start = 4 if encoding == "cdr" else 0
-        self._words = _byte_places([at[name] for name in (*motors, *imu, *quaternion)], 4)
-        self._angles = _byte_places([at[f"motor_state.{k}.q"] for k in range(count)], 4)
-        self._tick = _byte_places([at["tick"]], 4)
+        self._values = (*motors, *imu, *quaternion)
         self._columns = (*joint_columns(self._names), *IMU_NAMES)
         self.clock, self.motors = TickClock(settings), 0
 
@@ -53,21 +47,21 @@ class LowStates:
         content = [uncompressed(message.data) for message in messages]
         if len(set(map(len, content))) > 1 or len({self._order_of(data) for data in content}) > 1:
             raise ValueError("messages of several layouts")
-        order = self._order_of(content[0])
-        body = np.frombuffer(b"".join(content), np.uint8).reshape(len(content), -1)[:, self._start :]
-        if self._mode is not None and body[:, self._mode].any():
+        record = self._record if self._order_of(content[0]) == "<" else self._record.newbyteorder()
+        records = np.ndarray(len(content), record, b"".join(content), self._start, len(content[0]))
+        names = record.names or ()
+        if self._names is G1_MOTORS and "mode_pr" in names and records["mode_pr"].any():
             raise ClosedLoopError(
                 f"{messages[0].topic}: ankles and waist are in mode AB (mode_pr 1): their values are those of two "
                 "motors in parallel, from which the joints' pitch and roll do not follow; record in mode PR"
             )
-
-        values = _numbers_at(body, self._words, f"{order}f4").astype(np.float64)
+        values = np.stack([records[name] for name in self._values], axis=1).astype(np.float64)
         values[~values[:, -4:].any(axis=1), -4:] = np.nan
-        ticks = _numbers_at(body, self._tick, f"{order}u4")[:, 0].tolist()
         if not self.motors:
-            self.motors = 1 + int(np.flatnonzero(_numbers_at(body, self._angles, f"{order}f4")[0]).max(initial=-1))
+            angles = [name for name in names if re.fullmatch(r"motor_state\.\d+\.q", name)]
+            self.motors = 1 + max((k for k, name in enumerate(angles) if records[name][0] != 0.0), default=-1)
         received = np.array([message.received for message in messages])
-        stamps = [self.clock.stamp(*one) for one in zip(received.tolist(), ticks, strict=True)]
+        stamps = [self.clock.stamp(*one) for one in zip(received.tolist(), records["tick"].tolist(), strict=True)]
         return [Decoded(messages[0].topic, received, np.array(stamps), "", self._columns, values)]
 
     def _order_of(self, data: bytes) -> str:
@@ -119,17 +113,17 @@ class TickClock:
             yield f"{self.repaired} stamps of {topic} corrected by its counter, by at most {1e3 * self.furthest:.3g} ms"
 
 
-def _offsets(topic: Topic, *, aligned: bool) -> dict[str, int]:
-    """Like `offsets`, from the definition in the log, else Unitree's."""
+def _record_of(topic: Topic, *, aligned: bool) -> np.dtype[np.void]:
+    """Like `record_of`, from the definition in the log, else Unitree's."""
     usual = published(topic.kind)
     try:
-        return offsets(topic.kind, topic.definition or usual, aligned=aligned)
+        return record_of(topic.kind, topic.definition or usual, aligned=aligned)
     except RecordingError:
         raise
     except Exception:  # of many kinds, if the definition is damaged or in another language
         if not usual:
             raise RecordingError(f"the definition of {topic.kind} in this log cannot be read") from None
-        return offsets(topic.kind, usual, aligned=aligned)
+        return record_of(topic.kind, usual, aligned=aligned)
 
 
 def motors_of(kind: str, joints: Sequence[str] | None) -> tuple[str, ...]:
@@ -138,38 +132,39 @@ def motors_of(kind: str, joints: Sequence[str] | None) -> tuple[str, ...]:
     return G1_MOTORS if humanoid else MOTORS
 
 
-def offsets(kind: str, definition: str, *, aligned: bool = True, most: int = 10_000) -> dict[str, int]:
-    """Position of each number in a message's body [bytes], by path, such as "motor_state.3.q". Raises RecordingError:
-    the definition lacks fields of a LowState.
+def record_of(kind: str, definition: str, *, aligned: bool = True, most: int = 10_000) -> np.dtype[np.void]:
+    """The numbers in a message's body, little-endian, by path, such as "motor_state.3.q". Raises RecordingError: the
+    definition lacks fields of a LowState.
 
-    In CDR numbers are aligned to their own size (OMG CDR), in ROS 1's encoding they are not. Fields after one of
-    unknown size are skipped. Names of the ROS 1 packages (motorState, tauEst, imu, footForce) are converted to those of
+    In CDR numbers are aligned to their own size (OMG CDR), in ROS 1's encoding they are not. A field of
+    unknown size is refused. Names of the ROS 1 packages (motorState, tauEst, imu, footForce) are converted to those of
     ROS 2. Unitree's messages have under a thousand numbers, and `most` is a limit.
     """
     from rosbags.interfaces import Nodetype
     from rosbags.typesys import get_types_from_msg
 
     types = get_types_from_msg(definition, kind)
-    found: dict[str, int] = {}
+    found: dict[str, tuple[np.dtype[Any], int]] = {}
     end = 0
-    for path, size in _numbers(types, (Nodetype.NAME, kind), ""):
-        start = -(-end // size) * size if aligned else end
+    for path, number in _numbers(types, (Nodetype.NAME, kind), ""):
+        start = -(-end // number.itemsize) * number.itemsize if aligned else end
         snake = re.sub(r"(?<=[a-z])([A-Z])", lambda match: f"_{match[1].lower()}", path[1:])
-        found[re.sub(r"^imu\.", "imu_state.", snake)], end = start, start + size
+        found[re.sub(r"^imu\.", "imu_state.", snake)], end = (number, start), start + number.itemsize
         if len(found) > most:
             raise RecordingError(f"a {kind} in this log has more than {most} numbers: it is not Unitree's")
     if missing := [name for name in ("tick", "imu_state.quaternion.3", "motor_state.11.tau_est") if name not in found]:
         raise RecordingError(f"a {kind} in this log has no {missing[0]}: its definition is not Unitree's")
-    return found
+    kinds, places = zip(*found.values(), strict=True)
+    return np.dtype({"names": list(found), "formats": kinds, "offsets": places}).newbyteorder("<")
 
 
-def _numbers(types: Mapping[str, Any], description: Any, path: str) -> Iterator[tuple[str, int]]:
-    """Path and size [bytes] of every number of a field, in order, until a part of unknown size."""
+def _numbers(types: Mapping[str, Any], description: Any, path: str) -> Iterator[tuple[str, np.dtype[Any]]]:
+    """Path and type of every number of a field, in order, until a part of unknown size."""
     from rosbags.interfaces import Nodetype
 
     node, detail = description
     if node == Nodetype.BASE:
-        yield path, np.dtype(detail[0]).itemsize
+        yield path, np.dtype(detail[0])
     elif node == Nodetype.NAME:
         for field, inner in types[detail][1]:
             yield from _numbers(types, inner, f"{path}.{field}")
@@ -178,13 +173,3 @@ def _numbers(types: Mapping[str, Any], description: Any, path: str) -> Iterator[
             yield from _numbers(types, detail[0], f"{path}.{k}")
     else:
         raise RecordingError(f"{path[1:]}: a field of unknown size, which a LowState does not have")
-
-
-def _byte_places(offsets: Sequence[int], size: int) -> NDArray[np.int64]:
-    """Positions of the bytes of some numbers, (numbers, size)."""
-    return np.array(offsets, dtype=np.int64)[:, None] + np.arange(size)
-
-
-def _numbers_at(rows: NDArray[np.uint8], places: NDArray[np.int64], kind: str) -> NDArray[Any]:
-    """Numbers of a type at these positions of each row of bytes, (rows, numbers)."""
-    return rows.take(places.ravel(), axis=1).view(kind)
