@@ -15,7 +15,7 @@ RATE = 500.0
 
 
 def rows_at(time: np.ndarray) -> np.ndarray:
-    return np.random.default_rng(11).normal(size=(len(time), 2, 4))
+    return np.random.default_rng(11).normal(size=(len(time), 4))
 
 
 def gathered(chunks: object) -> tuple[np.ndarray, np.ndarray]:
@@ -27,8 +27,8 @@ def test_rows_are_numpys_correlation_with_the_low_pass() -> None:
     time = np.arange(2000) / RATE
     rows, kernel = rows_at(time), low_pass(RATE, 20.0)
     at, smooth = gathered(smooth_rows([(time, rows)], RATE, 20.0))
-    expected = np.correlate(rows[:, 1, 2], kernel, mode="valid")[::12]  # 500 Hz over twice 20 Hz
-    np.testing.assert_allclose(smooth[:, 1, 2], expected, atol=1e-13)
+    expected = np.correlate(rows[:, 2], kernel, mode="valid")[::12]  # 500 Hz over twice 20 Hz
+    np.testing.assert_allclose(smooth[:, 2], expected, atol=1e-13)
     np.testing.assert_array_equal(at, time[len(kernel) // 2 : len(time) - len(kernel) // 2 : 12])
 
 
@@ -39,7 +39,7 @@ def test_a_linear_equation_stays_true_and_thinned_noise_is_nearly_white() -> Non
     joint = np.concatenate([rows[..., :3], (rows[..., :3] @ theta)[..., None], noise[..., None]], axis=-1)
     _, smooth = gathered(smooth_rows([(time, joint)], RATE, 10.0))
     np.testing.assert_allclose(smooth[..., :3] @ theta, smooth[..., 3], atol=1e-13)
-    residual = smooth[:, 0, 4]
+    residual = smooth[:, 4]
     assert abs(np.corrcoef(residual[1:], residual[:-1])[0, 1]) < 0.1
     assert len(residual) == pytest.approx(len(time) / 25, rel=0.02)
 

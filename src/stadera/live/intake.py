@@ -20,7 +20,7 @@ from stadera.logs.bags.decode import IMU, Decoder, decoder
 from stadera.logs.bags.merging import Merging
 from stadera.logs.bags.unitree import LOW_STATES
 from stadera.logs.batches import recordings
-from stadera.logs.columns import Layout, layout
+from stadera.logs.columns import Layout
 from stadera.logs.recording import Recording
 from stadera.logs.topics import AS_RECORDED, ReadOptions, Topics
 from stadera.robot.model import Robot
@@ -173,9 +173,7 @@ class Intake:
         merging = Merging(head, topics, (*joints, *self._reading.others), self._settings.bags)
         if merging.imu_fault:
             raise RecordingError(f"topic {topics.imu} cannot be used as IMU: {merging.imu_fault}")
-        found = layout(merging.columns, _SOURCE, joints, ("velocity", "effort", "imu"), self._reading)
-        self._layout = replace(found, imu_frame=merging.imu_frame)
-        merging.choose(found.recorded)
+        self._layout = merging.layout(_SOURCE, joints, ("velocity", "effort", "imu"), self._reading)
         stamps = [int(sample.stamp[0]) for sample in head if sample.topic == topics.joint]
         rate, least = 1e9 / max(float(np.median(np.diff(stamps))), 1.0), self._settings.least_rate
         if rate < least / 1.02:

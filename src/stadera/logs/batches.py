@@ -4,7 +4,7 @@ drops rows with blanks or repeated times, checks every value, cuts even chunks.
 A batch is an array (columns, rows) of consecutive rows, its columns those of `Layout.columns`; a blank cell is NaN.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from itertools import chain
 
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from stadera.errors import RecordingError
 from stadera.limits import Budget
 from stadera.logs.columns import TIME, Layout
-from stadera.logs.recording import Recording, check_values, dropout_note, fields_of, with_velocity
+from stadera.logs.recording import Recording, check_values, complete, fields_of, no_clock, with_velocity
 from stadera.logs.topics import DESIRED, PD_DOUBT, PdGains
 from stadera.logs.units import FACTORS, longer_unit, unix_unit
 from stadera.types import Array, Bools
@@ -44,10 +44,7 @@ class RowClock:
         wrong = np.flatnonzero(~kept)
         counts = self._wrong + 1 + np.arange(len(wrong))
         for at in wrong[counts > self.most_wrong * samples[wrong]][:1]:
-            what = "stands still" if time[at] == before[at] else "runs back"
-            raise RecordingError(
-                f"{self.source}: column 'time' {what} at sample {samples[at]} ({before[at]:.6f} to {time[at]:.6f} s)"
-            )
+            raise no_clock(self.source, int(samples[at]), before[at], time[at])
         self._last, self._wrong = float(before[-1]), self._wrong + len(wrong)
         return kept
 
@@ -122,21 +119,18 @@ def _rebatched(batches: Iterable[Array], rows: int | None) -> Iterator[Array]:
 
 
 def _recording(batch: Array, layout: Layout, source: str, first: int, clock: RowClock) -> Recording | None:
-    values, samples, notes = _without_dropouts(batch, layout.columns, first)
+    samples, notes = complete(np.isnan(batch), layout.columns, first)
     if not len(samples):
         return None
-    check_values(values[0], (TIME,), source, samples)
+    values = batch[:, samples - first] if notes else batch
+    check_values(values.T, layout.columns, source, samples)
     kept = clock(values[0], samples)
     if not kept.any():
         return None
     if not kept.all():
         notes += (f"left out {np.count_nonzero(~kept)} samples whose time repeats or runs back",)
-        values, samples = values[:, kept], samples[kept]
-    try:
-        return _of_columns(values, layout, source, (*(layout.notes if first == 0 else ()), *notes))
-    except RecordingError:
-        check_values(values.T, layout.columns, source, samples)  # the same, with the sample's place in the log
-        raise
+        values = values[:, kept]
+    return _of_columns(values, layout, source, (*(layout.notes if first == 0 else ()), *notes))
 
 
 def _of_columns(values: Array, layout: Layout, source: str, notes: tuple[str, ...]) -> Recording:
@@ -161,17 +155,6 @@ def _with_pd_effort(recording: Recording, pd: PdGains, desired: dict[str, Array]
         raise RecordingError(f"{recording.source}: --pd {pd}: {error}") from None
     note = f"efforts made of desired positions, kp,kd = {pd} N·m/rad, N·m·s/rad"
     return replace(moving, effort=effort, notes=(*moving.notes, note), doubts=(*moving.doubts, PD_DOUBT))
-
-
-def _without_dropouts(
-    batch: Array, columns: Sequence[str], first: int
-) -> tuple[Array, NDArray[np.int64], tuple[str, ...]]:
-    """The rows without blank cells, their indices in the log, and a note on the others."""
-    blank, samples = np.isnan(batch), np.arange(first, first + batch.shape[1])
-    valid: Bools = np.logical_not(blank.any(axis=0))
-    if valid.all():
-        return batch, samples, ()
-    return batch[:, valid], samples[valid], (dropout_note(blank, columns, samples),)
 
 
 def table_recordings(batches: Iterable[Array], layout: Layout, source: str, rows: int | None) -> Iterator[Recording]:

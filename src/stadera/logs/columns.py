@@ -91,9 +91,8 @@ def layout(
     if timed and reading.units.rate_hz is not None:
         rate = f"--units {reading.units.rate_hz:g}Hz"
         raise RecordingError(f"{source}: there is a column of time, {table.sources[TIME]!r}: leave out {rate}")
-    wanted, idle = header.joints() if joints is None else (requested, ())
-    channels, notes = header.channels(wanted, require, reading.pd)
-    imu, imu_notes = header.imu("imu" in require)
+    wanted = header.joints() if joints is None else requested
+    channels, imu = header.channels(wanted, require, reading.pd), header.imu("imu" in require)
     more = () if joints is None else (joint for joint in reading.others if joint not in requested)
     others = tuple(joint for joint in more if f"{joint}.position" in table.sources)
     found = Layout(
@@ -106,8 +105,11 @@ def layout(
         pd=reading.pd,
         others=others,
     )
-    kept_out = _kept_out(names, found, table.sources)
-    return replace(found, notes=(*table.notes, *notes, *idle, *kept_out, *imu_notes))
+    used = {table.sources[name] for name in found.columns if name in table.sources}
+    used.update(own for name, own in table.sources.items() if _is_joint_column(name))  # of joints not requested, too
+    unknown = [name for name in names if name not in used]
+    kept_out = (f"kept out unknown columns: {_listed(unknown)}",) if unknown else ()
+    return replace(found, notes=(*table.notes, *header.notes, *kept_out))
 
 
 def _check_header(names: Sequence[str], source: str) -> None:
@@ -148,19 +150,13 @@ def _with_names_of(joints: Sequence[str], table: Translation) -> Translation:
     return replace(table, sources=sources, factors=factors, notes=(*table.notes, *note))
 
 
-def _kept_out(names: Sequence[str], found: Layout, sources: Mapping[str, str]) -> tuple[str, ...]:
-    """A note on the log's columns that belong to no channel, except those of joints that were not requested."""
-    used = {sources[name] for name in found.columns if name in sources}
-    used.update(own for name, own in sources.items() if _is_joint_column(name))
-    unknown = [name for name in names if name not in used]
-    return (f"kept out unknown columns: {_listed(unknown)}",) if unknown else ()
-
-
 class _Header:
-    """A log's columns by their names in the flat table; errors name the log and end in advice, `hint`."""
+    """A log's columns by their names in the flat table, and notes on those left out; errors name the log and end in
+    advice, `hint`.
+    """
 
     def __init__(self, names: Iterable[str], source: str, hint: str) -> None:
-        self.names, self.source, self.hint = dict.fromkeys(names), source, hint
+        self.names, self.source, self.hint, self.notes = dict.fromkeys(names), source, hint, list[str]()
 
     def owners(self, suffix: str) -> tuple[str, ...]:
         """Joints or feet that have a column of this kind."""
@@ -175,9 +171,9 @@ class _Header:
         there = f"joints with a position: {_listed(joints)}" if joints else f"columns: {_listed(tuple(self.names))}"
         return RecordingError(f"{self.source}: {what}no column {column!r}{meant} ({there}){self.hint or hint}")
 
-    def joints(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    def joints(self) -> tuple[str, ...]:
         """The joints with a position, without idle ones: those of no leg without an effort, such as an arm's, in a log
-        that has those of four legs; and a note on these.
+        that has those of four legs.
         """
         found = self.owners(".position")
         unknown = [name for name in self.names if not _is_joint_column(name)]
@@ -190,13 +186,13 @@ class _Header:
             raise self.missing("<joint>.position", "not a flat table: ")
         idle = tuple(joint for joint in found if f"{joint}.effort" not in self.names)
         if not idle or len(found) - len(idle) < len(LEG_NAMES) * len(PARTS) or places(idle):
-            return found, ()
-        note = f"left out joints of no leg that have no torque: {_listed(idle)}"
-        return tuple(joint for joint in found if joint not in idle), (note,)
+            return found
+        self.notes.append(f"left out joints of no leg that have no torque: {_listed(idle)}")
+        return tuple(joint for joint in found if joint not in idle)
 
     def channels(
         self, joints: tuple[str, ...], require: Collection[str], pd: PdGains | None
-    ) -> tuple[dict[str, tuple[str, ...]], tuple[str, ...]]:
+    ) -> dict[str, tuple[str, ...]]:
         """Columns of each channel. If only some joints have one, effort raises, and others are skipped with a note."""
         needed, possible = {"position", *require}, CHANNELS
         if pd is not None:
@@ -206,7 +202,6 @@ class _Header:
                 )
             needed, possible = (needed | {DESIRED[0]}) - {"effort"}, (*CHANNELS, *DESIRED)
         found: dict[str, tuple[str, ...]] = {}
-        notes: tuple[str, ...] = ()
         for channel in possible:
             columns = tuple(f"{joint}.{channel}" for joint in joints)
             absent = [column for column in columns if column not in self.names]
@@ -216,8 +211,8 @@ class _Header:
             if not absent:
                 found[channel] = columns
             elif partial:
-                notes += (f"left out the joints' {channel}: no column {_listed(absent)}",)
-        return found, notes
+                self.notes.append(f"left out the joints' {channel}: no column {_listed(absent)}")
+        return found
 
     def of_others(self, joints: tuple[str, ...]) -> dict[str, tuple[str, ...]]:
         """Columns of the channels that all of these joints have, which are none of the requested ones."""
@@ -236,18 +231,19 @@ class _Header:
             return "; --pd KP,KD makes efforts of the desired positions that are recorded"
         return f"; no torque is recorded: record it, or <joint>.{DESIRED[0]} for --pd KP,KD"
 
-    def imu(self, required: bool) -> tuple[dict[str, tuple[str, ...]], tuple[str, ...]]:
-        """Columns of each quantity of an IMU with both rates and specific force, and a note on an incomplete one."""
+    def imu(self, required: bool) -> dict[str, tuple[str, ...]]:
+        """Columns of each quantity of an IMU with both rates and specific force."""
         kept = self._complete({f"imu.{quantity}": columns for quantity, columns in IMU_COLUMNS.items()})
         wanted = (*IMU_COLUMNS["angular_velocity"], *IMU_COLUMNS["linear_acceleration"])
         needed = [column for column in wanted if column not in self.names]
         if not needed:
-            return kept, ()
+            return kept
         if required:
             others = f"; nor {_listed(needed[1:])}" if needed[1:] else ""
             raise RecordingError(f"{self.missing(needed[0])}{others}")
-        some = any(column in self.names for columns in IMU_COLUMNS.values() for column in columns)
-        return {}, (f"{HALF_IMU} {_listed(needed)}",) if some else ()
+        if any(column in self.names for columns in IMU_COLUMNS.values() for column in columns):
+            self.notes.append(f"{HALF_IMU} {_listed(needed)}")
+        return {}
 
     def of_feet(self) -> dict[str, tuple[str, ...]]:
         """Columns of the force and contact of each foot."""

@@ -127,8 +127,8 @@ def apply(kernel: Array, values: Array) -> Array:
 def smooth_rows(
     chunks: Iterable[tuple[Array, Array]], rate_hz: float, cutoff_hz: float
 ) -> Iterator[tuple[Array, Array]]:
-    """Filters consecutive chunks of rows, time (samples,) [s], even except for gaps, and values (samples, ...), without
-    delay; yields time (kept,) and values (kept, ...).
+    """Filters consecutive chunks of rows, time (samples,) [s], even except for gaps, and values (samples, columns),
+    without delay; yields time (kept,) and values (kept, columns).
 
     Chunks give the same result as the whole; nothing is filtered across a gap. Rows without a full window (2.17 /
     cut-off before and after [s]) are dropped. Rows are kept at twice the cut-off, counted from the first of each
@@ -136,24 +136,15 @@ def smooth_rows(
     """
     kernel = low_pass(rate_hz, cutoff_hz)
     step = max(1, int(rate_hz / (2 * cutoff_hz)))
-    shape: tuple[int, ...] = ()
-
-    def flat() -> Iterator[tuple[Array, Array]]:
-        nonlocal shape
-        for time, values in chunks:
-            if len(time):
-                shape = values.shape[1:]
-                yield time, values.reshape(len(time), -1).T
-
     half, seen = len(kernel) // 2, 0
-    sampling = Sampling(1 / rate_hz, even=True, tolerance=0.5)
-    for block in windows(segments(flat(), sampling), half):
+    stacks = ((time, values.T) for time, values in chunks if len(time))
+    for block in windows(segments(stacks, Sampling(1 / rate_hz, even=True, tolerance=0.5)), half):
         seen = 0 if block.start else seen
         rows = len(block.time) - 2 * half
         kept = slice(-seen % step, None, step)
         time = block.time[half : half + rows][kept]
         if len(time):
-            yield time, np.ascontiguousarray(apply(kernel, block.values)[:, kept].T).reshape(-1, *shape)
+            yield time, np.ascontiguousarray(apply(kernel, block.values)[:, kept].T)
         seen += rows
 
 

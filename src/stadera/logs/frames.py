@@ -40,7 +40,8 @@ def from_dataframe(
         df = df.reset_index()
         names = _names(df, source)
     found = layout(names, source, joints, require, reading, Topics())
-    found = replace(found, imu_frame=imu_frame or _frame_in(df))
+    of_arrow = getattr(getattr(df, "schema", None), "metadata", None) or {}
+    found = replace(found, imu_frame=imu_frame or of_arrow.get(IMU_FRAME.encode(), b"").decode() or None)
     columns = {name: _numbers(df[name], name, source) for name in found.recorded}
     first, samples = next((name, len(values)) for name, values in columns.items())
     if wrong := next((name for name, values in columns.items() if values.shape != (samples,)), None):
@@ -68,13 +69,6 @@ def _names(df: Any, source: str) -> tuple[str, ...]:
             "a mapping of column names to arrays"
         )
     return tuple(map(str, names))
-
-
-def _frame_in(df: Any) -> str | None:
-    """The IMU frame in a pyarrow table's metadata."""
-    metadata = getattr(getattr(df, "schema", None), "metadata", None)
-    frame = metadata.get(IMU_FRAME.encode()) if metadata else None
-    return None if frame is None else str(frame.decode())
 
 
 def _numbers(column: Any, name: str, source: str) -> Array:

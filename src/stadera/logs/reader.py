@@ -70,10 +70,10 @@ def as_logs(logs: Log | Iterable[Log]) -> tuple[LogFile | Recording, ...]:
 
 
 def stream(
-    log: Log, *, joints: Sequence[str] | None = None, require: Collection[str] = (), rows: int = MOST_ROWS
+    log: Log, *, joints: Sequence[str] | None = None, require: Collection[str] = (), rows: int | None = MOST_ROWS
 ) -> Iterator[Recording]:
-    """Reads a log as consecutive recordings of `rows` samples each (the last one shorter). Memory does not grow with
-    the length of a file.
+    """Reads a log as consecutive recordings of `rows` samples each (the last one shorter; None: a single one). Memory
+    does not grow with the length of a file.
 
     Args:
         log: a path, a LogFile, which selects topics of a bag, or a recording in memory.
@@ -86,12 +86,13 @@ def stream(
     """
     log = as_log(log)
     if isinstance(log, Recording):
-        return _of_table(_chunks(_chosen(log, joints, require), rows))
+        return with_steps_of_motion(without_repeats(_chunks(_chosen(log, joints, require), rows)))
     changes, reader = log.reading.changes, reader_of(log.path)
     chunks = reader.stream(log, joints=sources_of(changes, joints), require=require, rows=rows)
     if changes:
         chunks = (changed(chunk, changes, joints, first=k == 0) for k, chunk in enumerate(chunks))
-    return _as_sampled(reader, chunks)
+    # messages of a bag are those that a running robot sends; rows of a table may repeat, or have stamps of arrival
+    return chunks if isinstance(reader, BagLog) else with_steps_of_motion(without_repeats(chunks))
 
 
 def read_head(log: Log, joints: Sequence[str] | None = None, rows: int = 256) -> Recording:
@@ -104,19 +105,7 @@ def read(log: Log, *, joints: Sequence[str] | None = None, require: Collection[s
     log = as_log(log)
     if isinstance(log, Recording):
         return _chosen(log, joints, require)
-    changes, reader = log.reading.changes, reader_of(log.path)
-    chunks = reader.stream(log, joints=sources_of(changes, joints), require=require, rows=None)
-    return next(_as_sampled(reader, (changed(concatenate(tuple(chunks)), changes, joints),)))
-
-
-def _as_sampled(reader: Reader, chunks: Iterable[Recording]) -> Iterator[Recording]:
-    """The samples as they were taken; those of a bag are, as its messages are those that a running robot sends."""
-    return iter(chunks) if isinstance(reader, BagLog) else _of_table(chunks)
-
-
-def _of_table(chunks: Iterable[Recording]) -> Iterator[Recording]:
-    """Without samples that repeat the joints' values, and with stamps of arrival corrected."""
-    return with_steps_of_motion(without_repeats(chunks))
+    return concatenate(tuple(stream(log, joints=joints, require=require, rows=None)))
 
 
 def _chosen(recording: Recording, joints: Sequence[str] | None, require: Collection[str]) -> Recording:
@@ -127,8 +116,8 @@ def _chosen(recording: Recording, joints: Sequence[str] | None, require: Collect
     return recording.of_joints(found.joints)
 
 
-def _chunks(recording: Recording, rows: int) -> Iterator[Recording]:
-    if len(recording) <= rows:
+def _chunks(recording: Recording, rows: int | None) -> Iterator[Recording]:
+    if rows is None or len(recording) <= rows:
         yield recording
         return
     for start in range(0, len(recording), rows):

@@ -105,10 +105,13 @@ class Recording:
             raise RecordingError(f"{self.source}: joint {joint!r} is named {times} times")
         for name, values in self.arrays().items():
             table = () if name == TIME or name.endswith(".contact") else (len(self.columns(name)),)
-            _check_shape(values, (len(self.time), *table), name, self.source)
-        _check_time(self.time, self.source)
+            if values.shape != (shape := (len(self.time), *table)):
+                hint = ": transposed" if values.shape == shape[::-1] else ""
+                raise RecordingError(f"{self.source}: {name} needs shape {shape}, got {values.shape}{hint}")
         for name, values in self.arrays().items():
             check_values(values, self.columns(name), self.source)
+        if len(back := np.flatnonzero(np.diff(self.time) <= 0)):
+            raise no_clock(self.source, int(back[0]) + 1, self.time[back[0]], self.time[back[0] + 1])
 
     @classmethod
     def from_arrays(
@@ -290,12 +293,6 @@ def _as_numbers(values: ArrayLike, name: str, source: str) -> Array:
     return array.astype(np.float64, copy=False)
 
 
-def _check_shape(values: NDArray[Any], shape: tuple[int, ...], name: str, source: str) -> None:
-    if values.shape != shape:
-        hint = ": transposed" if values.shape == shape[::-1] else ""
-        raise RecordingError(f"{source}: {name} needs shape {shape}, got {values.shape}{hint}")
-
-
 def check_values(
     values: NDArray[Any], columns: Sequence[str], source: str, samples: NDArray[np.int64] | None = None
 ) -> None:
@@ -313,14 +310,10 @@ def check_values(
     raise RecordingError(f"{source}: column {columns[column]!r} is {value:.3g} at sample {at}{most}")
 
 
-def _check_time(time: Array, source: str) -> None:
-    if not np.isfinite(time).all():
-        raise RecordingError(f"{source}: column 'time' is not finite at sample {int(np.argmin(np.isfinite(time)))}")
-    steps = np.diff(time)
-    if len(steps) and steps.min() <= 0:
-        at = int(np.argmax(steps <= 0)) + 1
-        what = "stands still" if steps[at - 1] == 0 else "runs back"
-        raise RecordingError(f"{source}: column 'time' {what} at sample {at} ({time[at - 1]:.6f} to {time[at]:.6f} s)")
+def no_clock(source: str, sample: int, before: float, time: float) -> RecordingError:
+    """An error for a sample whose time repeats or runs back."""
+    what = "stands still" if time == before else "runs back"
+    return RecordingError(f"{source}: column 'time' {what} at sample {sample} ({before:.6f} to {time:.6f} s)")
 
 
 def _check_imu(imu: Imu | None, source: str) -> None:
@@ -344,22 +337,22 @@ def _without_dropouts(arrays: Mapping[str, Array], source: str) -> tuple[dict[st
     if len({values.shape[:1] for values in arrays.values()}) > 1 or not arrays[TIME].size:
         return dict(arrays), ()
     blank = np.array([np.isnan(values.reshape(len(values), -1)).any(axis=1) for values in arrays.values()])
-    dropped = np.asarray(blank.any(axis=0))
-    if not dropped.any():
-        return dict(arrays), ()
-    if dropped.all():
+    kept, notes = complete(blank, list(arrays))
+    if not len(kept):
         raise RecordingError(f"{source}: {list(arrays)[int(blank.sum(axis=1).argmax())]} is NaN: no sample is complete")
-    note = dropout_note(blank, list(arrays), np.arange(len(dropped)))
-    return {name: values[~dropped] for name, values in arrays.items()}, (note,)
+    return {name: values[kept] if notes else values for name, values in arrays.items()}, notes
 
 
-def dropout_note(blank: Bools, columns: Sequence[str], samples: NDArray[np.int64]) -> str:
-    """Says which samples were dropped, by cells that are blank (columns, samples), some of them, and their numbers."""
+def complete(blank: Bools, columns: Sequence[str], first: int = 0) -> tuple[NDArray[np.int64], tuple[str, ...]]:
+    """The samples, counted from `first`, of which no cell is blank (columns, samples), and a note on the others."""
     dropped = np.asarray(blank.any(axis=0))
+    kept = first + np.flatnonzero(~dropped)
+    if len(kept) == len(dropped):
+        return kept, ()
     holes, at = int(np.count_nonzero(np.diff(dropped.astype(np.int8), prepend=0) == 1)), int(np.argmax(dropped))
-    first = f"the first at sample {samples[at]}, column {columns[int(np.argmax(blank[:, at]))]!r}"
+    where = f"the first at sample {first + at}, column {columns[int(np.argmax(blank[:, at]))]!r}"
     count = f"dropped {np.count_nonzero(dropped)} of {len(dropped)} samples with blank cells"
-    return f"{count}, in {holes} dropout{'s' * (holes > 1)}, {first}"
+    return kept, (f"{count}, in {holes} dropout{'s' * (holes > 1)}, {where}",)
 
 
 def take(recording: Recording, rows: Rows) -> Recording:

@@ -81,8 +81,11 @@ class Units:
             quantity, _, unit = (word.strip() for word in part.rpartition("="))
             if match := re.fullmatch(r"([\d.]+)\s*[Hh]z", unit):
                 rate = float(match[1])
-            else:
-                of |= dict.fromkeys([quantity] if quantity else _quantities_of(unit), unit)
+                continue
+            found = [quantity] if quantity else [name for name, units in FACTORS.items() if unit in units]
+            if not found:
+                raise UnknownNameError("unit", unit, dict.fromkeys(u for units in FACTORS.values() for u in units))
+            of |= dict.fromkeys(found, unit)
         return cls(of, rate)
 
     def over(self, other: Units) -> Units:
@@ -128,13 +131,6 @@ def longer_unit(stamps: Array, factor: float) -> str:
     step = float(np.ptp(stamps)) / (len(stamps) - 1) if len(stamps) > 1 else np.inf  # stamps may be in bursts
     longer = (unit for unit, known in FACTORS["time"].items() if factor < known and 1e-4 <= known * step <= 0.5)
     return next(longer, "") if factor * step < _STEPS[0] else ""
-
-
-def _quantities_of(unit: str) -> list[str]:
-    found = [quantity for quantity, units in FACTORS.items() if unit in units]
-    if not found:
-        raise UnknownNameError("unit", unit, dict.fromkeys(u for units in FACTORS.values() for u in units))
-    return found
 
 
 @cache

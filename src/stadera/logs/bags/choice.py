@@ -48,7 +48,7 @@ def choose(offer: Offer, topics: Topics, joints: Sequence[str] | None, settings:
     states = _states(offer, topics.joint)
     joint = topics.joint
     if joint is not None:
-        _check_asked(offer, states, joint, "--joint-topic", "joints' states")
+        _check_asked(offer, states, joint, "--joint-topic", "of joints' states")
     else:
         joint = _joint_topic(offer, states, joints, settings)
     imu = None
@@ -91,7 +91,7 @@ def _joint_topic(offer: Offer, states: Sequence[str], joints: Sequence[str] | No
 def _imu_topic(offer: Offer, asked: str | None, joint: str, states: Sequence[str], settings: BagSettings) -> str | None:
     fitting = sorted(name for name, topic in offer.topics.items() if topic.kind == IMU)
     if asked is not None:
-        _check_asked(offer, fitting, asked, "--imu-topic", IMU)
+        _check_asked(offer, fitting, asked, "--imu-topic", f"of type {IMU}")
         return asked
     # the IMU belongs to the topic of joints with which it shares most of its namespace
     own = [name for name in fitting if all(_shared(name, joint) >= _shared(name, other) for other in states)]
@@ -116,8 +116,7 @@ def _shared(one: str, other: str) -> int:
 
 
 def _check_asked(offer: Offer, fitting: Sequence[str], asked: str, option: str, what: str) -> None:
-    listed = f"topics of type {what}" if "/" in what else f"topics of {what}"
-    listed += f": {', '.join(fitting) or 'none'}"
+    listed = f"topics {what}: {', '.join(fitting) or 'none'}"
     if asked not in offer.topics:
         raise RecordingError(f"{offer.source}: {option} {asked}: no such topic; {listed}")
     if asked not in fitting:

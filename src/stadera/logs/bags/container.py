@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, NamedTuple, Self, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from stadera.boundary import said
 from stadera.errors import RecordingError, require_positive
 from stadera.limits import DEFAULTS, Budget, LimitError, Limits
 from stadera.types import Array
@@ -170,7 +171,7 @@ def salvaged(
             raise
         except Exception as error:
             budget.check_time()
-            damage.append(f"{path}: cut off or damaged after {read_so_far(read)}{_why(error)}; read up to there")
+            damage.append(f"{path}: cut off or damaged after {read_so_far(read)} ({said(error)}); read up to there")
             break
         if record is None:
             break
@@ -180,14 +181,9 @@ def salvaged(
         except LimitError:
             raise
         except Exception as error:
-            broken, reason = broken + 1, _why(error)
+            broken, reason = broken + 1, said(error)
     if broken:
-        damage.append(f"{path}: left out {broken} damaged chunk{'s' * (broken > 1)} of messages{reason}")
-
-
-def _why(error: Exception) -> str:
-    text = " ".join(str(error).split())[:100]
-    return f" ({text})" if text else ""
+        damage.append(f"{path}: left out {broken} damaged chunk{'s' * (broken > 1)} of messages ({reason})")
 
 
 def unpacked(data: bytes, compression: str, limits: Limits, what: str) -> bytes:

@@ -22,7 +22,6 @@ from stadera.logs.bags.files import Container
 from stadera.logs.bags.merging import Merging, first_samples
 from stadera.logs.bags.unitree import LowStates
 from stadera.logs.batches import recordings, within
-from stadera.logs.columns import layout
 from stadera.logs.recording import Recording
 from stadera.logs.topics import LogFile
 from stadera.types import Array, Bools
@@ -72,10 +71,9 @@ class BagLog:
             raise RecordingError(f"{path}: {error}") from None
         if merging.imu_fault and "imu" in require:
             raise RecordingError(f"{path}: topic {choice.imu} cannot be used as IMU: {merging.imu_fault}")
-        table = layout(merging.columns, str(path), joints, require, log.reading)
+        table = merging.layout(str(path), joints, require, log.reading)
         notes = (f"left out the IMU, topic {choice.imu}: {merging.imu_fault}",) if merging.imu_fault else ()
-        table = replace(table, imu_frame=merging.imu_frame, notes=(*choice.notes, *notes, *table.notes))
-        merging.choose(table.recorded)
+        table = replace(table, notes=(*choice.notes, *notes, *table.notes))
         batches = within(_batches(chain(head, samples), merging, self.settings.batch), bag.budget, rows)
         notes_of_all = _notes(bag, damaged, merging, choice.joint, decoders[choice.joint])
         return _with_final_notes(recordings(batches, table, str(path), rows), notes_of_all)

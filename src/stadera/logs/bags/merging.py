@@ -4,7 +4,8 @@ The first messages determine which publisher provides which columns.
 """
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -13,7 +14,8 @@ from stadera.logs.bags.alignment import Alignment, Track
 from stadera.logs.bags.choice import Choice
 from stadera.logs.bags.container import BagSettings, Decoded
 from stadera.logs.bags.decode import IMU_NAMES, Columns, joints_in
-from stadera.logs.columns import TIME
+from stadera.logs.columns import TIME, Layout, layout
+from stadera.logs.topics import ReadOptions
 from stadera.types import Array
 
 
@@ -37,10 +39,13 @@ def _publishers(
 ) -> dict[frozenset[str], Columns]:
     """Publishers of one topic, the one with most of the requested joints first.
 
-    Publishers of none of these joints are skipped, unless all are. With `imu`, columns of an IMU in the same messages
-    are kept.
+    Publishers of none of these joints are skipped, unless all are; so are samples without columns. With `imu`, columns
+    of an IMU in the same messages are kept.
     """
-    groups = _grouped(samples)
+    groups: dict[frozenset[str], list[Decoded]] = {}
+    for sample in samples:
+        if sample.columns:
+            groups.setdefault(frozenset(sample.columns), []).append(sample)
     if not groups:
         raise RecordingError(f"{samples[0].topic}: its messages name no joints")
     named = {key: joints_in(group[0].columns) for key, group in groups.items()}
@@ -50,15 +55,6 @@ def _publishers(
     _check_agreement([named[key] for key in groups if key in kept], samples[0].topic)
     left_out = () if imu else IMU_NAMES
     return {key: tuple(name for name in _known(groups[key]) if name not in left_out) for key in kept}
-
-
-def _grouped(samples: Iterable[Decoded]) -> dict[frozenset[str], list[Decoded]]:
-    """Groups samples by their columns in any order; samples without columns are skipped."""
-    groups: dict[frozenset[str], list[Decoded]] = {}
-    for sample in samples:
-        groups.setdefault(frozenset(sample.columns), []).append(sample)
-    groups.pop(frozenset(), None)
-    return groups
 
 
 def _check_agreement(named: Sequence[Columns], topic: str) -> None:
@@ -97,12 +93,8 @@ def _delay(samples: Sequence[Decoded]) -> float:
 
 
 class Merging:
-    """Merges one pass of messages into rows of the flat table, by the layout of the first messages.
-
-    Args:
-        head: the first messages.
-        choice: the topics, of the IMU None if the joints' messages include it.
-        joints: the requested ones; None for all.
+    """Merges one pass of messages into rows of the flat table, by the layout of the first ones, `head`, for the joints
+    requested; None for all. RecordingError: the publishers contradict each other.
 
     Attributes:
         columns: of all publishers, named as in the flat table.
@@ -110,9 +102,6 @@ class Merging:
         imu_fault: why an existing IMU cannot be used; empty if it can.
         tracks: the streams; the first one's stamps are used.
         strangers: number of messages of the joints' topic that name other joints, which are skipped.
-
-    Raises:
-        RecordingError: the publishers contradict each other.
     """
 
     def __init__(
@@ -138,9 +127,13 @@ class Merging:
         self.strangers = 0
         self._chosen = list(range(len(self.columns)))
 
-    def choose(self, columns: Sequence[str]) -> None:
-        """Gives rows of these columns, in this order, instead of all."""
-        self._chosen = [self.columns.index(name) for name in columns]
+    def layout(
+        self, source: str, joints: Sequence[str] | None, require: Collection[str], reading: ReadOptions
+    ) -> Layout:
+        """The layout of the columns, as `stadera.logs.columns.layout`; rows are those of its columns from now on."""
+        found = layout(self.columns, source, joints, require, reading)
+        self._chosen = [self.columns.index(name) for name in found.recorded]
+        return replace(found, imu_frame=self.imu_frame)
 
     def take(self, samples: Decoded) -> bool:
         """Adds messages' values. Returns True if they belong to one of the streams."""

@@ -165,27 +165,23 @@ def _batches_of(tables: Iterable[pa.RecordBatch], columns: Sequence[str], source
     """Yields these columns of consecutive record batches; a null is a blank cell. Integers are rounded to the nearest
     double. Raises RecordingError: a column is not numeric, or NaN in a row without blank cells.
     """
-    row = 0
+    first = 0
     for table in tables:
-        yield _batch_of(table, columns, source, row)
-        row += table.num_rows
-
-
-def _batch_of(table: pa.RecordBatch, columns: Sequence[str], source: str, first: int) -> Array:
-    values = np.empty((len(columns), table.num_rows))
-    blank = np.zeros(values.shape, dtype=bool)
-    for i, name in enumerate(columns):
-        cells = _numbers(table.column(name), name, source)
-        if cells.null_count:
-            blank[i] = np.from_dlpack(cells.is_null().cast("uint8"))
-            cells = cells.fill_null(0.0)
-        values[i] = np.from_dlpack(cells)  # `to_numpy` would import pandas
-    wrong = np.isnan(values) & ~blank.any(axis=0)
-    if wrong.any():
-        row, column = np.argwhere(wrong.T)[0]
-        raise RecordingError(f"{source}: column {columns[column]!r} is nan at sample {first + row}")
-    values[blank] = np.nan
-    return values
+        values = np.empty((len(columns), table.num_rows))
+        blank = np.zeros(values.shape, dtype=bool)
+        for i, name in enumerate(columns):
+            cells = _numbers(table.column(name), name, source)
+            if cells.null_count:
+                blank[i] = np.from_dlpack(cells.is_null().cast("uint8"))
+                cells = cells.fill_null(0.0)
+            values[i] = np.from_dlpack(cells)  # `to_numpy` would import pandas
+        wrong = np.isnan(values) & ~blank.any(axis=0)
+        if wrong.any():
+            row, column = np.argwhere(wrong.T)[0]
+            raise RecordingError(f"{source}: column {columns[column]!r} is nan at sample {first + row}")
+        values[blank] = np.nan
+        yield values
+        first += table.num_rows
 
 
 def _numbers(column: pa.Array, name: str, source: str) -> pa.Array:
