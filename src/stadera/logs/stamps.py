@@ -34,41 +34,26 @@ from stadera.types import Array, Bools
 
 @dataclass(frozen=True)
 class StampSettings:
-    """When repeated samples are left out, and when and how stamps are corrected.
+    """When repeated samples are left out, and when and how stamps are corrected."""
 
-    Attributes:
-        held: longest time for which joints are held [s], between readings at 20 Hz; joints that repeat for longer are
-            at rest.
-        repeated: share of the samples that repeat the one before, from which on they are left out [1]: 200 Hz read at
-            250 Hz.
-        different: least number of different samples by which joints are taken to be held: fewer may be a robot at rest.
-        ratio: residual of Δq by the stamps over that by Δt, in squares, above which stamps are corrected [1].
-        scaled: most by which both may differ in the mean, either way [1]; more is a wrong unit, not a clock.
-        lively: share of the steps, those of the fastest joints, that decide [1].
-        enough: least number of such steps.
-        memory: time constant with which the result follows the stamps [s], longer than the bursts in which samples
-            arrive.
-        gap: steps of the stamps above so many mean ones are kept, as joints do much during them, unless the motion
-            tells that it was a stall, after which what had gathered came at once.
-        stall: longest time for which samples of a burst may have been held up [s]: a radio that saves power wakes up
-            every 0.1 s. A longer step is a gap.
-        burst: median step over the mean one, without gaps, below which samples arrive in bursts [1]: 0.1 to 0.005 if
-            ten come at once, 0.48 in logs of a real Go2, two of 14 of which are doubtful if they are made even.
-        shortest: least step, share of the mean one [1].
-    """
-
-    held: float = 0.05
-    repeated: float = 0.2
-    different: int = 10
-    ratio: float = 10.0
-    scaled: float = 0.25
-    lively: float = 0.3
-    enough: int = 50
-    memory: float = 1.0
+    held: float = 0.05  # longest time for which joints are held [s], between readings at 20 Hz; longer is rest
+    repeated: float = 0.2  # share of samples that repeat, from which on they are left out [1]: 200 Hz read at 250 Hz
+    different: int = 10  # least number of different samples of joints that are held: fewer may be a robot at rest
+    ratio: float = 10.0  # residual of Δq by the stamps over that by Δt, squared, above which stamps are corrected [1]
+    scaled: float = 0.25  # most by which both may differ in the mean, either way [1]; more is a wrong unit, not a clock
+    lively: float = 0.3  # share of the steps, those of the fastest joints, that decide [1]
+    enough: int = 50  # least number of such steps
+    memory: float = 1.0  # time constant with which the result follows the stamps [s], longer than samples' bursts
+    # steps of the stamps above so many mean ones are kept, as joints do much during them, unless the motion tells that
+    # it was a stall, after which what had gathered came at once
     gap: float = 6.0
+    # longest time for which samples of a burst may have been held up [s]: a radio that saves power wakes up every
+    # 0.1 s; a longer step is a gap
     stall: float = 0.25
+    # median step over the mean one, without gaps, below which samples arrive in bursts [1]: 0.1 to 0.005 if ten come at
+    # once, 0.48 in logs of a real Go2, two of 14 of which are doubtful if they are made even
     burst: float = 0.25
-    shortest: float = 0.1
+    shortest: float = 0.1  # least step, share of the mean one [1]
 
     def __post_init__(self) -> None:
         require_positive("setting of stamps", self, tuple(vars(self)))

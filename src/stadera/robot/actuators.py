@@ -20,13 +20,9 @@ _MJLAB = {"armature": "armature", "frictionloss": "coulomb", "viscous_damping": 
 
 
 def actuators_yaml(robot: Robot, torque_lag: float | None = None, source: str = "", notes: Sequence[str] = ()) -> str:
-    """The text of the file: drives by simulator, and ranges of what was determined.
-
-    Args:
-        robot: with identified joint dynamics and their standard deviations (`Robot.dynamics_std`).
-        torque_lag: delay of the torques [s]; None if unknown.
-        source: the log they come from.
-        notes: more comments at the top, a line each.
+    """The text of the file: drives by simulator, and ranges of what was determined, of a robot with identified joint
+    dynamics and their standard deviations (`Robot.dynamics_std`). `torque_lag` is the torques' delay [s], None if
+    unknown; `source` the log they come from; `notes` are more comments at the top, a line each.
     """
     joints = robot.tree.joints
     known = {joint: _known(robot, joint) for joint in joints}

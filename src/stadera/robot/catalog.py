@@ -1,6 +1,7 @@
 """Catalogue of the robots known by name and their model files; finding one imports nothing heavy."""
 
 import importlib.util
+from contextlib import suppress
 from importlib import metadata, resources
 from os import PathLike
 from pathlib import Path
@@ -83,15 +84,11 @@ def is_file_of(name: str, path: Path) -> bool:
 
 def _example_robot_data() -> Path | None:
     """Folder of robots in the package, from the installed package's list of files."""
-    try:
-        files = metadata.files(_EXAMPLE_ROBOT_DATA) or []
-    except metadata.PackageNotFoundError:
-        return None
     marker = "share/example-robot-data/robots"
-    for file in files:
-        if marker in file.as_posix():
-            located = Path(str(file.locate())).as_posix()
-            return Path(located[: located.index(marker)] + marker)
+    with suppress(metadata.PackageNotFoundError):
+        for file in metadata.files(_EXAMPLE_ROBOT_DATA) or []:
+            if marker in file.as_posix():
+                return Path(Path(str(file.locate())).as_posix().partition(marker)[0] + marker)
     return None
 
 

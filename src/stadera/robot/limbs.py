@@ -27,32 +27,21 @@ _ALIKE = 0.1  # difference of the masses of two hands, as a share
 
 @dataclass(frozen=True, eq=False)
 class Place:
-    """A link or frame on which a load may be.
-
-    Attributes:
-        name: of the link or frame. body: place among the joints of `stadera.body.Body` of the one that moves it, -1 for
-            the trunk. rotation, translation: pose of the frame in the moving link [m].
-    """
+    """A link or frame on which a load may be, and its pose in the link that moves it."""
 
     name: str
-    body: int
-    rotation: Array
-    translation: Array
+    body: int  # place among the joints of `stadera.body.Body` of the one that moves it, -1 for the trunk
+    rotation: Array  # (3, 3)
+    translation: Array  # (3,) [m]
 
 
 @dataclass(frozen=True, eq=False)
 class Limbs:
-    """Joints of limbs, and the ends at which a load is looked for.
+    """Joints of limbs, and the ends at which a load is looked for."""
 
-    Attributes:
-        joints: places among those of `ExtraJoints`, without grippers and fingers.
-        ends: of these, the joints whose links may carry a load.
-        hands: pairs of ends that may carry one load together.
-    """
-
-    joints: tuple[int, ...]
-    ends: tuple[int, ...]
-    hands: tuple[tuple[int, int], ...]
+    joints: tuple[int, ...]  # places among those of `ExtraJoints`, without grippers and fingers
+    ends: tuple[int, ...]  # of these, the joints whose links may carry a load
+    hands: tuple[tuple[int, int], ...]  # pairs of ends that may carry one load together
 
     @staticmethod
     @lru_cache(maxsize=16)

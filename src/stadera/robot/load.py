@@ -115,7 +115,8 @@ def _understand(file: ModelFile, feet: Sequence[str], trunk: str | None = None) 
     carried, names = file.carried(order), {0: file.trunk} | {k: file.links[k].name for k in order}
     tree = Tree(tuple(names.values()), tuple(file.joint(k).name for k in order), *_joints(file, carried, [0, *order]))
     frames = _frames(file, carried, names)
-    shapes = tuple(_on_moving_links(file, frames))
+    there = ((shape, frames[shape.link]) for shape in file.shapes if shape.link in frames)
+    shapes = tuple(shape.moved(frame.link, frame.rotation, frame.translation) for shape, frame in there)
     legs, foot_notes = _legs(file, chains, frames, shapes)
     for leg in legs:
         frames.setdefault(leg.foot, Frame(leg.links[-1], np.eye(3), np.asarray(leg.foot_position)))
@@ -202,12 +203,6 @@ def _frames(file: ModelFile, carried: Carried, names: Mapping[int, str]) -> dict
         if at in names:
             frames[name] = Frame(names[at], R @ turn, p + R @ place)
     return frames
-
-
-def _on_moving_links(file: ModelFile, frames: dict[str, Frame]) -> list[Shape]:
-    """The file's shapes, each moved from its own link to its moving link."""
-    there = ((shape, frames[shape.link]) for shape in file.shapes if shape.link in frames)
-    return [shape.moved(frame.link, frame.rotation, frame.translation) for shape, frame in there]
 
 
 def _legs(

@@ -279,9 +279,7 @@ class Robot:
 
     def leg(self, name: str) -> Leg:
         """The leg of that name: LF, RF, LH, RH on quadrupeds (any case), or the robot's own prefix (FL, RR, ...).
-
-        Raises:
-            UnknownNameError: no such leg.
+        UnknownNameError: no such leg.
         """
         wanted = name.upper()
         for leg in self.legs:
@@ -295,10 +293,8 @@ class Robot:
         raise UnknownNameError("leg", name, (leg.name for leg in self.legs), self.name)
 
     def with_inertias(self, inertias: Mapping[str, InertialParameters]) -> Robot:
-        """Returns the robot with other inertial parameters for these links (in the links' frames).
-
-        Raises:
-            UnknownNameError: a name is not a link of the tree.
+        """Returns the robot with other inertial parameters for these links (in the links' frames). UnknownNameError: a
+        name is not a link of the tree.
         """
         require_known("link", inertias, self.tree.links, self.name)
         return replace(self, inertias={**self.inertias, **inertias})
@@ -306,13 +302,8 @@ class Robot:
     def with_dynamics(
         self, dynamics: Mapping[str, JointDynamics], std: Mapping[str, JointDynamics] | None = None
     ) -> Robot:
-        """Returns the robot with other joint dynamics for these joints.
-
-        Args:
-            std: their standard deviations, see `dynamics_std`; joints without any have none.
-
-        Raises:
-            UnknownNameError: a name is not a joint of the tree.
+        """Returns the robot with other joint dynamics for these joints, and their standard deviations, see
+        `dynamics_std`, if there are any. UnknownNameError: a name is not a joint of the tree.
         """
         require_known("joint", dynamics, self.tree.joints, self.name)
         kept = {joint: known for joint, known in self.dynamics_std.items() if joint not in dynamics}

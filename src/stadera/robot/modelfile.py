@@ -31,47 +31,30 @@ class FileJoint:
 
 @dataclass(frozen=True, eq=False)
 class FileLink:
-    """A link of a model file; all quantities in its frame, which is that of its joint.
-
-    Attributes:
-        name: of the link. parent: place of the link that carries it; -1 for the root.
-        rotation, translation: (3, 3) and (3,) [m], pose in the parent's frame at zero.
-        body: its own ten parameters, before any merging. joint: None if it is fixed to its parent.
-        origin: (3,) [m], of the file's own frame of the link, which has the same axes.
-    """
+    """A link of a model file; all quantities in its frame, which is that of its joint."""
 
     name: str
-    parent: int
-    rotation: Array
-    translation: Array
-    body: InertialParameters
-    joint: FileJoint | None = None
-    origin: Array = field(default_factory=lambda: np.zeros(3))
+    parent: int  # place of the link that carries it; -1 for the root
+    rotation: Array  # (3, 3), with the translation its pose in the parent's frame at zero
+    translation: Array  # (3,) [m]
+    body: InertialParameters  # its own ten parameters, before any merging
+    joint: FileJoint | None = None  # None if it is fixed to its parent
+    origin: Array = field(default_factory=lambda: np.zeros(3))  # (3,) [m], of the file's own frame, with the same axes
 
 
 @dataclass(frozen=True, eq=False)
 class ModelFile:
-    """A model file that has been read but not yet interpreted as a robot.
-
-    Attributes:
-        path, name: of the file, and of the model in it.
-        links: the root first, each after its parent.
-        trunk: name of the trunk link, which is the root or fixed to it.
-        sites: named frames besides the links: place of their link, and pose in it.
-        shapes: primitive shapes, each in the file's own frame of its link.
-        loops: names of links between which the file closes a loop.
-
-    Raises:
-        ModelError: a mass that is negative or not finite.
+    """A model file that has been read but not yet interpreted as a robot. ModelError: a mass that is negative or not
+    finite.
     """
 
     path: Path
-    name: str
-    links: tuple[FileLink, ...]
-    trunk: str
-    sites: Mapping[str, tuple[int, Array, Array]]
-    shapes: tuple[Shape, ...]
-    loops: tuple[tuple[str, str], ...] = ()
+    name: str  # of the model in it
+    links: tuple[FileLink, ...]  # the root first, each after its parent
+    trunk: str  # name of the trunk link, which is the root or fixed to it
+    sites: Mapping[str, tuple[int, Array, Array]]  # named frames besides the links: place of their link, pose in it
+    shapes: tuple[Shape, ...]  # primitive shapes, each in the file's own frame of its link
+    loops: tuple[tuple[str, str], ...] = ()  # names of links between which the file closes a loop
 
     def __post_init__(self) -> None:
         for link in self.links:

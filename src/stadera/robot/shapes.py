@@ -31,15 +31,10 @@ def _leg_shapes(tree: Tree, leg: Leg, own: Sequence[Shape], slenderness: float) 
     covered = {shape.link for shape in own if shape not in spheres}
     ends = (tree.translations[tree.joints.index(name)] for name in leg.joints[1:])
     for link, end in zip(leg.links, (*ends, foot), strict=True):
-        if link not in covered and np.linalg.norm(end) > 1e-6:
-            yield _capsule(link, end, slenderness)
+        if link not in covered and (length := _far(end)) > 1e-6:
+            yield Shape(link, "capsule", (slenderness * length, length), _z_along(end / length), 0.5 * end)
     if leg.foot_radius > 0 and not spheres:
         yield Shape(last, "sphere", (leg.foot_radius,), np.eye(3), foot)
-
-
-def _capsule(link: str, end: Array, slenderness: float) -> Shape:
-    length = float(np.linalg.norm(end))
-    return Shape(link, "capsule", (slenderness * length, length), _z_along(end / length), 0.5 * end)
 
 
 def _trunk_box(tree: Tree, legs: tuple[Leg, ...], flatness: float) -> Shape:

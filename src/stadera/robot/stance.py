@@ -187,14 +187,8 @@ def _preferred(tree: Tree, q: Array, middle: Array, solved: float) -> Array:
 
 
 def lying(robot: Robot, feet: Array, up: Array) -> Bools:
-    """At which times the trunk's lowest point is at the height of the feet's lowest.
-
-    Args:
-        feet: (n, legs, 3) [m], their centres in trunk axes.
-        up: (n, 3), the vertical in trunk axes.
-
-    Returns:
-        (n,) bool.
+    """At which times, (n,), the trunk's lowest point is at the height of the feet's lowest, by their centres (n, legs,
+    3) [m] and the vertical (n, 3), both in trunk axes.
     """
     # share of the leg's length; shapes of trunks are coarse, and robots crouch to half of their legs' length
     low = 0.1

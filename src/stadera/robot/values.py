@@ -12,7 +12,7 @@ import numpy as np
 from stadera.constants import SAME
 from stadera.errors import ModelError
 from stadera.robot.imu import ImuMount
-from stadera.robot.model import JointLimits, Robot
+from stadera.robot.model import Robot
 from stadera.types import Array
 
 _LEAST = 1e-3  # size that a smaller value's rounding is a share of, in the value's unit
@@ -99,13 +99,20 @@ def check_sense(robot: Robot, limits: ModelLimits | None = None) -> tuple[str, .
     it may be in.
     """
     limits = limits or ModelLimits()
-    where = f"{robot.source}: " if robot.source else ""
-    for wrong in (*_masses(robot, limits), *_distances(robot, limits), *_inertias(robot, limits)):
-        raise ModelError(f"{where}{wrong}")
-    return tuple(_angles(robot, limits))
+    if wrong := next(_impossible(robot, limits), None):
+        raise ModelError(f"{robot.source}: {wrong}" if robot.source else wrong)
+    large = [
+        joint
+        for joint in robot.tree.joints
+        if any(isfinite(x) and abs(x) > limits.angle for x in (robot.limits[joint].lower, robot.limits[joint].upper))
+    ]
+    if not large:
+        return ()
+    beyond = f"position limits beyond {limits.angle:.3g} rad; limits are in rad, not in degrees"
+    return (f"joints {', '.join(large)}: {beyond}",)
 
 
-def _masses(robot: Robot, limits: ModelLimits) -> Iterator[str]:
+def _impossible(robot: Robot, limits: ModelLimits) -> Iterator[str]:
     if not limits.lightest < robot.mass < limits.heaviest:
         unit = "grams" if robot.mass > limits.heaviest else "tonnes"
         heaviest = max(robot.tree.links, key=lambda link: robot.inertias[link].mass)
@@ -113,9 +120,6 @@ def _masses(robot: Robot, limits: ModelLimits) -> Iterator[str]:
             f"the robot weighs {robot.mass:.3g} kg, its heaviest link {heaviest!r} {robot.inertias[heaviest].mass:.3g} "
             f"kg: masses are in kg, not in {unit}"
         )
-
-
-def _distances(robot: Robot, limits: ModelLimits) -> Iterator[str]:
     millimetres = "distances are in m, not in mm"
     for joint, place in zip(robot.tree.joints, robot.tree.translations, strict=True):
         if (far := float(np.linalg.norm(place))) > limits.distance:
@@ -128,9 +132,6 @@ def _distances(robot: Robot, limits: ModelLimits) -> Iterator[str]:
         length = float(sum(np.linalg.norm(step) for step in (*steps, np.asarray(leg.foot_position))))
         if not limits.leg[0] < length < limits.leg[1]:
             yield f"leg {leg.name} is {length:.3g} m long from hip to foot: distances are in m"
-
-
-def _inertias(robot: Robot, limits: ModelLimits) -> Iterator[str]:
     for link in robot.tree.links:
         body = robot.inertias[link]
         size = np.sqrt(max(float(np.trace(body.inertia_com)), 0.0) / (2.0 * body.mass))
@@ -139,13 +140,3 @@ def _inertias(robot: Robot, limits: ModelLimits) -> Iterator[str]:
                 f"link {link!r} of {body.mass:.3g} kg has moments of inertia of {np.trace(body.inertia_com):.3g}, "
                 f"as a body {2 * size:.3g} m wide: they are in kg·m², not in kg·mm² or g·mm²"
             )
-
-
-def _angles(robot: Robot, limits: ModelLimits) -> Iterator[str]:
-    def stated(found: JointLimits) -> float:
-        return max((abs(x) for x in (found.lower, found.upper) if np.isfinite(x)), default=0.0)
-
-    large = [joint for joint in robot.tree.joints if limits.angle < stated(robot.limits[joint])]
-    if large:
-        names = ", ".join(large)
-        yield f"joints {names}: position limits beyond {limits.angle:.3g} rad; limits are in rad, not in degrees"
