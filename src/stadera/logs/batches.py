@@ -167,17 +167,14 @@ def table_recordings(batches: Iterable[Array], layout: Layout, source: str, rows
     batches = iter(batches)
     if layout.rate_hz is not None:
         batches = _stamped(batches, layout.rate_hz)
-    first = next(batches, None)
-    if first is None:
-        yield from recordings((), layout, source, rows)
-        return
-    batches = chain([first], batches)
-    if layout.rate_hz is None and not layout.stamped and (unit := unix_unit(first[0, ~np.isnan(first[0])])):
+    first = next(batches, np.empty((len(layout.columns), 0)))
+    batches, stamps = chain([first], batches), first[0, ~np.isnan(first[0])]
+    if layout.rate_hz is None and not layout.stamped and (unit := unix_unit(stamps)):
         note = f"converted to SI units: time, which is Unix time in {unit}"
         factors = {**layout.factors, TIME: FACTORS[TIME][unit]}
         layout = replace(layout, factors=factors, notes=(*layout.notes, note))
     factor = layout.factors.get(TIME, 1.0)
-    if unit := longer_unit(first[0, ~np.isnan(first[0])], factor):
+    if unit := longer_unit(stamps, factor):
         taken = next((name for name, known in FACTORS[TIME].items() if known == factor), f"{factor:g} s")
         raise RecordingError(f"{source}: column 'time' seems to be in {unit}, not in {taken}; add --units {unit}")
     if is_interleaved(first, layout):

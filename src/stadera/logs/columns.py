@@ -105,10 +105,7 @@ def layout(
         pd=reading.pd,
         others=others,
     )
-    used = {table.sources[name] for name in found.columns if name in table.sources}
-    used.update(own for name, own in table.sources.items() if _is_joint_column(name))  # of joints not requested, too
-    unknown = [name for name in names if name not in used]
-    kept_out = (f"kept out unknown columns: {_listed(unknown)}",) if unknown else ()
+    kept_out = _kept_out(names, found, table.sources)
     return replace(found, notes=(*table.notes, *header.notes, *kept_out))
 
 
@@ -148,6 +145,14 @@ def _with_names_of(joints: Sequence[str], table: Translation) -> Translation:
     sources = {named(column): own for column, own in table.sources.items()}
     factors = {named(column): factor for column, factor in table.factors.items()}
     return replace(table, sources=sources, factors=factors, notes=(*table.notes, *note))
+
+
+def _kept_out(names: Sequence[str], found: Layout, sources: Mapping[str, str]) -> tuple[str, ...]:
+    """A note on the log's columns that belong to no channel, except those of joints that were not requested."""
+    used = {sources[name] for name in found.columns if name in sources}
+    used.update(own for name, own in sources.items() if _is_joint_column(name))
+    unknown = [name for name in names if name not in used]
+    return (f"kept out unknown columns: {_listed(unknown)}",) if unknown else ()
 
 
 class _Header:

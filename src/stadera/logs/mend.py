@@ -12,8 +12,8 @@ import numpy as np
 from stadera.constants import GRAVITY
 from stadera.errors import RecordingError
 from stadera.joint_words import by_part
-from stadera.logs.columns import CHANNELS, OTHER_CHANNELS
-from stadera.logs.recording import Imu, OtherJoints, Recording
+from stadera.logs.columns import CHANNELS
+from stadera.logs.recording import Recording
 from stadera.types import Array
 
 GYRO, ACCELEROMETER = "gyro", "accelerometer"
@@ -42,22 +42,26 @@ class Mend:
 
     def __call__(self, recording: Recording) -> Recording:
         """Returns the corrected recording, which must contain the joints whose columns are swapped."""
-        scaled = recording.mapped(self._scaled)
-        imu = None if scaled.imu is None else self._imu(scaled.imu)
-        if (others := scaled.others) is not None:
-            others = replace(others, **self._of_channels(others, OTHER_CHANNELS, others.names))  # type: ignore[arg-type]
-        kept = self._of_channels(scaled, CHANNELS, scaled.joints)
-        return replace(scaled, **kept, imu=imu, others=others)  # type: ignore[arg-type]
+        imu, others = recording.imu, recording.others
 
-    def _of_channels(
-        self, source: Recording | OtherJoints, channels: Sequence[str], joints: Sequence[str]
-    ) -> dict[str, Array]:
-        known = {c: values for c in channels if (values := getattr(source, c)) is not None}
-        return {c: self.of_joints(c, values, joints) for c, values in known.items()}
+        def corrected(name: str, values: Array) -> Array:
+            quantity = name.removeprefix("others.")
+            if name == "imu.angular_velocity":
+                return self.of_imu(GYRO, values)
+            if name == "imu.linear_acceleration":
+                if self.gravity and imu is not None and imu.orientation is not None:
+                    values = values + GRAVITY * upwards(imu.orientation)
+                return self.of_imu(ACCELEROMETER, values)
+            values = values * self.factors[quantity] if quantity in self.factors else values
+            joints = recording.joints if others is None or quantity == name else others.names
+            return self.of_joints(quantity, values, joints) if quantity in CHANNELS else values
 
-    def _scaled(self, name: str, values: Array) -> Array:
-        quantity = name.removeprefix("others.")
-        return values * self.factors[quantity] if quantity in self.factors else values
+        made = recording.mapped(corrected)
+        if (
+            made.imu is not None and self.turn and not self.gyro_alone
+        ):  # the orientation's frame is not that of the values
+            return replace(made, imu=replace(made.imu, orientation=None))
+        return made
 
     def of_joints(self, channel: str, values: Array, joints: Sequence[str]) -> Array:
         order = [joints.index(self.swapped.get((channel, joint), joint)) for joint in joints]
@@ -69,15 +73,6 @@ class Mend:
         if self.turn and not (self.gyro_alone and quantity != GYRO):
             values = values @ np.array(self.turn).T
         return self.factors[quantity] * values if quantity in self.factors else values
-
-    def _imu(self, imu: Imu) -> Imu:
-        orientation, force = imu.orientation, imu.linear_acceleration
-        if self.gravity and orientation is not None:
-            force = force + GRAVITY * upwards(orientation)
-        if self.turn and not self.gyro_alone:
-            orientation = None  # the frame no longer matches the values
-        gyro, force = self.of_imu(GYRO, imu.angular_velocity), self.of_imu(ACCELEROMETER, force)
-        return replace(imu, angular_velocity=gyro, linear_acceleration=force, orientation=orientation)
 
 
 GEARED = "torques are the motors', times gear ratios"

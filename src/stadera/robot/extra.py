@@ -56,15 +56,14 @@ class ExtraJoints:
         """
         if recorded is None:
             return np.zeros((samples, 0))
-        out, count = np.zeros((samples, 3 * len(self.joints))), len(self.joints)
-        out[:, :count] = self.reference
-        for k, joint in enumerate(recorded.names):
-            if joint in self.joints:
-                channels = recorded.position, recorded.velocity, recorded.effort
-                for part, values in enumerate(channels):
-                    if values is not None:
-                        out[:, part * count + self.joints.index(joint)] = values[:, k]
-        return out
+        states = np.zeros((samples, 3, len(self.joints)))
+        states[:, 0] = self.reference
+        own = [k for k, joint in enumerate(recorded.names) if joint in self.joints]
+        places = [self.joints.index(recorded.names[k]) for k in own]
+        for part, values in enumerate((recorded.position, recorded.velocity, recorded.effort)):
+            if values is not None:
+                states[:, part, places] = values[:, own]
+        return states.reshape(samples, -1)
 
     def poses(self, position: Array) -> list[tuple[Array, Array]]:
         """Rotation and origin [m] of each link in the trunk frame."""

@@ -29,9 +29,9 @@ class Chain:
     foot: str | None = None  # the link or frame that its owner names
 
 
-def find_legs(file: ModelFile, feet: Sequence[str] = ()) -> tuple[tuple[Chain, ...], tuple[str, ...]]:
-    """The legs and notes on assumptions made, of a quadruped in the order LF, RF, LH, RH; ModelError if there are none,
-    or if a leg of a quadruped is not one.
+def find_legs(file: ModelFile, feet: Sequence[str], notes: list[str]) -> tuple[Chain, ...]:
+    """The legs, of a quadruped in the order LF, RF, LH, RH; ModelError if there are none, or if a leg of a quadruped is
+    not one. Notes on assumptions made are added to `notes`.
 
     A quadruped's leg is a chain of exactly three revolute joints, or of two on all, that starts at the trunk (branches,
     such as rotors, are ignored). Its name comes from its joints' names (lf_haa_joint, FL_hip, hr.hx); if these are
@@ -40,7 +40,7 @@ def find_legs(file: ModelFile, feet: Sequence[str] = ()) -> tuple[tuple[Chain, .
     legs are the chains of revolute joints from the trunk to these; UnknownNameError if there is no such link.
     """
     if feet:
-        return _to_feet(file, feet)
+        return _named(file, _to_feet(file, feet), feet, notes)
     poses = file.carried(())
     masses = {k: body.mass for k, body in file.lumped(file.carried(file.joints)).items()}
     chains = [_longest_chain(file, masses, k) for k in file.joints if file.above(k) == 0]
@@ -55,7 +55,7 @@ def find_legs(file: ModelFile, feet: Sequence[str] = ()) -> tuple[tuple[Chain, .
         found = [] if len(kinds) > 1 else _reaching_down(file, poses, chains)
         if len(found) < _FEWEST:
             raise ModelError(_not_four(file, chains, len(legs)))
-    return _named(file, found, [None] * len(found))
+    return _named(file, found, [None] * len(found), notes)
 
 
 def below_a_waist(file: ModelFile) -> str | None:
@@ -72,7 +72,7 @@ def below_a_waist(file: ModelFile) -> str | None:
     return found[0] if len(found) == 1 else None
 
 
-def _to_feet(file: ModelFile, feet: Sequence[str]) -> tuple[tuple[Chain, ...], tuple[str, ...]]:
+def _to_feet(file: ModelFile, feet: Sequence[str]) -> list[list[int]]:
     places = {link.name: k for k, link in enumerate(file.links)} | {name: site[0] for name, site in file.sites.items()}
     require_known("foot", feet, places, file.name)
     moved, found, used = file.carried(file.joints), list[list[int]](), dict[int, str]()
@@ -94,38 +94,36 @@ def _to_feet(file: ModelFile, feet: Sequence[str]) -> tuple[tuple[Chain, ...], t
             raise ModelError(f"{file.path}: feet {both} hang from the same joint {joint!r}")
         used |= dict.fromkeys(chain, foot)
         found.append(chain)
-    return _named(file, found, feet)
+    return found
 
 
 def _named(
-    file: ModelFile, found: Sequence[Sequence[int]], feet: Sequence[str | None]
-) -> tuple[tuple[Chain, ...], tuple[str, ...]]:
-    """The chains with their names, and notes on these; in the order LF, RF, LH, RH if they have such names."""
-    names, notes = _own_names(file, found), tuple[str, ...]()
-    if len(found) == 4 and all(len(chain) <= 3 for chain in found):
-        names, notes = _choose_names(file, found, [_name_from_words(file, chain) for chain in found])
+    file: ModelFile, found: Sequence[Sequence[int]], feet: Sequence[str | None], notes: list[str]
+) -> tuple[Chain, ...]:
+    """The chains with their names; in the order LF, RF, LH, RH if they have such names."""
+    few = len(found) == 4 and all(len(chain) <= 3 for chain in found)
+    names = _choose_names(file, found, notes) if few else _own_names(file, found)
     legs = [Chain(name, tuple(chain), foot) for name, chain, foot in zip(names, found, feet, strict=True)]
     if sorted(names) == sorted(LEG_NAMES):
         legs.sort(key=lambda leg: LEG_NAMES.index(leg.name))
-    return tuple(legs), notes
+    return tuple(legs)
 
 
-def _choose_names(
-    file: ModelFile, legs: Sequence[Sequence[int]], by_name: list[str]
-) -> tuple[list[str], tuple[str, ...]]:
+def _choose_names(file: ModelFile, legs: Sequence[Sequence[int]], notes: list[str]) -> list[str]:
+    by_name = [_name_from_words(file, chain) for chain in legs]
     # the mean of the first two joints' origins in the trunk frame at zero angles [m]
     poses = file.carried(())
     by_place = _names_from_places(np.array([0.5 * (poses[chain[0]][2] + poses[chain[1]][2]) for chain in legs]))
     if sorted(by_name) == sorted(LEG_NAMES):
-        if not by_place or by_place == by_name:
-            return by_name, ()
-        joints = ", ".join(file.joint(chain[0]).name for chain in legs)
-        return by_name, (f"legs named by their joints ({joints}), though their places say {', '.join(by_place)}",)
+        if by_place and by_place != by_name:
+            joints = ", ".join(file.joint(chain[0]).name for chain in legs)
+            notes.append(f"legs named by their joints ({joints}), though their places say {', '.join(by_place)}")
+        return by_name
     if not by_place:
         raise ModelError(f"{file.path}: neither the names nor the places of the hips distinguish the four legs")
     if any(by_name):
-        return by_place, ("legs named by the places of their hips, for their joints' names clash",)
-    return by_place, ()
+        notes.append("legs named by the places of their hips, for their joints' names clash")
+    return by_place
 
 
 def _longest_chain(file: ModelFile, masses: Mapping[int, float], k: int) -> list[int]:
@@ -176,15 +174,10 @@ def _names_from_places(hips: Array) -> list[str]:
     unclear.
     """
     by_x = np.argsort(-hips[:, 0])
-    if hips[by_x[1], 0] - hips[by_x[2], 0] < 1e-3:
-        return []
-    names = [""] * 4
-    for pair, (left, right) in ((by_x[:2], ("LF", "RF")), (by_x[2:], ("LH", "RH"))):
-        a, b = sorted(pair, key=lambda k: -hips[k, 1])
-        if hips[a, 1] - hips[b, 1] < 1e-3:
-            return []
-        names[a], names[b] = left, right
-    return names
+    pairs = [pair[np.argsort(-hips[pair, 1])] for pair in (by_x[:2], by_x[2:])]  # the left one first
+    apart = [hips[by_x[1], 0] - hips[by_x[2], 0], *(hips[left, 1] - hips[right, 1] for left, right in pairs)]
+    place = np.concatenate(pairs).tolist()
+    return [LEG_NAMES[place.index(k)] for k in range(4)] if min(apart) >= 1e-3 else []
 
 
 def _not_four(file: ModelFile, chains: list[list[int]], found: int) -> str:

@@ -95,8 +95,9 @@ def parse_xml(path: Path, limits: Limits = DEFAULTS) -> Document:
 
 def _understand(file: ModelFile, feet: Sequence[str], trunk: str | None = None) -> Robot:
     whole, file = file, file if trunk is None else rooted_at(file, trunk)
+    notes: list[str] = []
     try:
-        chains, notes = find_legs(file, feet)
+        chains = find_legs(file, feet, notes)
     except ModelError:
         other = None if feet else _trunk_with_legs(whole)
         if other is None:
@@ -111,27 +112,26 @@ def _understand(file: ModelFile, feet: Sequence[str], trunk: str | None = None) 
     locked = [file.joint(k).name for k in file.joints if k not in order]
     if locked:
         held = "belong to no leg, so their links are lumped into their parents, at zero unless a log says otherwise"
-        notes = (*notes, f"{held}: {', '.join(locked)}")
+        notes.append(f"{held}: {', '.join(locked)}")
     carried, names = file.carried(order), {0: file.trunk} | {k: file.links[k].name for k in order}
     tree = Tree(tuple(names.values()), tuple(file.joint(k).name for k in order), *_joints(file, carried, [0, *order]))
     frames = _frames(file, carried, names)
     there = ((shape, frames[shape.link]) for shape in file.shapes if shape.link in frames)
     shapes = tuple(shape.moved(frame.link, frame.rotation, frame.translation) for shape, frame in there)
-    legs, foot_notes = _legs(file, chains, frames, shapes)
+    legs = _legs(file, chains, frames, shapes, notes)
     for leg in legs:
         frames.setdefault(leg.foot, Frame(leg.links[-1], np.eye(3), np.asarray(leg.foot_position)))
-    limits, limit_notes = _limits(file, order)
     robot = Robot(
         name=file.name,
         tree=tree,
         legs=legs,
         inertias=_inertias(file, carried, names),
         dynamics={file.joint(k).name: file.joint(k).dynamics for k in order},
-        limits=limits,
+        limits=_limits(file, order, notes),
         frames=frames,
         shapes=(*shapes, *fitted_shapes(tree, legs, shapes)),
         source=file.path,
-        notes=(*notes, *foot_notes, *limit_notes),
+        notes=tuple(notes),
         extra=_extra(file, order),
         root=trunk,
     )
@@ -141,7 +141,7 @@ def _understand(file: ModelFile, feet: Sequence[str], trunk: str | None = None) 
 def _trunk_with_legs(file: ModelFile) -> str | None:
     """The file's trunk if legs hang from it, else the link below a waist from which they do; None for neither."""
     with suppress(ModelError):
-        find_legs(file)
+        find_legs(file, (), [])
         return file.trunk
     return below_a_waist(file)
 
@@ -206,8 +206,8 @@ def _frames(file: ModelFile, carried: Carried, names: Mapping[int, str]) -> dict
 
 
 def _legs(
-    file: ModelFile, chains: tuple[Chain, ...], frames: dict[str, Frame], shapes: tuple[Shape, ...]
-) -> tuple[tuple[Leg, ...], list[str]]:
+    file: ModelFile, chains: tuple[Chain, ...], frames: dict[str, Frame], shapes: tuple[Shape, ...], notes: list[str]
+) -> tuple[Leg, ...]:
     legs: list[Leg] = []
     feet_by_note: dict[str, list[str]] = {}
     for chain in chains:
@@ -225,7 +225,8 @@ def _legs(
             raise ModelError(f"{file.path}: leg {chain.name}: {error}") from error
         legs.append(Leg(chain.name, joints, links, foot.frame, foot.position, foot.radius, FLAT if flat else 3))
         feet_by_note.setdefault(foot.note, []).append(foot.frame)
-    return tuple(legs), [f"foot {', '.join(feet)}: {note}" for note, feet in feet_by_note.items() if note]
+    notes += [f"foot {', '.join(feet)}: {note}" for note, feet in feet_by_note.items() if note]
+    return tuple(legs)
 
 
 def _is_wheel(file: ModelFile, chain: Chain) -> bool:
@@ -239,9 +240,8 @@ def _is_wheel(file: ModelFile, chain: Chain) -> bool:
     )
 
 
-def _limits(file: ModelFile, order: list[int]) -> tuple[dict[str, JointLimits], list[str]]:
+def _limits(file: ModelFile, order: list[int], notes: list[str]) -> dict[str, JointLimits]:
     limits: dict[str, JointLimits] = {}
-    notes: list[str] = []
     for joint in map(file.joint, order):
         found = joint.limits
         if found.lower > found.upper:
@@ -256,7 +256,7 @@ def _limits(file: ModelFile, order: list[int]) -> tuple[dict[str, JointLimits], 
             velocity, effort = (limit if limit > 0 else np.inf for limit in (found.velocity, found.effort))
             found = replace(found, velocity=velocity, effort=effort)
         limits[joint.name] = found
-    return limits, notes
+    return limits
 
 
 def known_robots(progress: Progress | None = None) -> Iterator[Robot]:

@@ -1,7 +1,6 @@
 """Reads MJCF with MuJoCo's own compiler, which defines it (defaults, includes, angles, actuators)."""
 
 import xml.etree.ElementTree as ET
-from collections import Counter
 from collections.abc import Iterator
 from math import cos, sin
 from pathlib import Path
@@ -136,36 +135,30 @@ class _CompiledModel:
     def _body_name(self, body: int) -> str:
         return str(self.mj.body(body).name) or f"body_{body}"
 
-    def _joint_name(self, joint: int) -> str:
-        return str(self.mj.joint(joint).name) or f"{self._body_name(int(self.mj.jnt_bodyid[joint]))}_joint"
-
     def _robot_bodies(self) -> list[int]:
         """Bodies of the tree with the most hinges, its root first."""
         mj = self.mj
-        hinges = [int(mj.jnt_bodyid[j]) for j in range(mj.njnt) if mj.jnt_type[j] == mujoco.mjtJoint.mjJNT_HINGE]
-        count = Counter(int(mj.body_rootid[body]) for body in hinges)
-        if not count:
+        roots = mj.body_rootid[mj.jnt_bodyid[mj.jnt_type == mujoco.mjtJoint.mjJNT_HINGE]]
+        if not len(roots):
             raise ModelError(f"{self.path}: no body has a hinge joint, this is no robot")
-        root = count.most_common(1)[0][0]
-        return [body for body in range(1, mj.nbody) if mj.body_rootid[body] == root]
+        found: list[int] = np.flatnonzero(mj.body_rootid == np.bincount(roots).argmax()).tolist()
+        return found
 
     # -- bodies and joints ----------------------------------------------------------------------------------------
     def links(self) -> Iterator[FileLink]:
         """The links, body by body."""
         mj, trunk, count = self.mj, self.bodies[0], 0
-        joints = range(mj.body_jntadr[trunk], mj.body_jntadr[trunk] + mj.body_jntnum[trunk])
-        kinds = sorted(int(mj.jnt_type[j]) for j in joints)
+        kinds = sorted(mj.jnt_type[mj.jnt_bodyid == trunk].tolist())
         if kinds not in ([], [int(mujoco.mjtJoint.mjJNT_FREE)], _FREE_BY_SIX):
             raise ModelError(f"{self.path}: body {self._body_name(trunk)!r} is neither free nor fixed to the world")
         places: dict[int, tuple[int, Array]] = {}  # by body, of its link, and its origin there
         for body in self.bodies:
-            at, place, turn, own = -1, np.zeros(3), np.eye(3), range(0)
+            at, place, turn = -1, np.zeros(3), np.eye(3)
             if body != trunk:
                 at, origin = places[int(mj.body_parentid[body])]
                 place, turn = origin + mj.body_pos[body], _rotation(mj.body_quat[body])
-                own = range(mj.body_jntadr[body], mj.body_jntadr[body] + mj.body_jntnum[body])
             origin, joint = np.zeros(3), None  # of the body, from the last joint's anchor
-            for j in own:
+            for j in np.flatnonzero(mj.jnt_bodyid == body).tolist() if body != trunk else ():
                 if joint is not None:
                     yield FileLink(f"{joint.name}_link", at, turn, place, InertialParameters.zero(), joint)
                     at, count, place, turn = count, count + 1, np.zeros(3), np.eye(3)
@@ -207,7 +200,8 @@ class _CompiledModel:
         lower, upper = mj.jnt_range[j].tolist() if mj.jnt_limited[j] else (-np.inf, np.inf)
         limits = JointLimits(lower, upper, effort=self._effort(j))
         values = (float(x[dof]) for x in (mj.dof_armature, mj.dof_damping, mj.dof_frictionloss))
-        joint = FileJoint(self._joint_name(j), kind, axis, limits, JointDynamics(*values))
+        name = str(mj.joint(j).name) or f"{self._body_name(int(mj.jnt_bodyid[j]))}_joint"
+        joint = FileJoint(name, kind, axis, limits, JointDynamics(*values))
         if kind == "turns":
             return joint, _rotation(np.array([cos(0.5 * ref), *(-sin(0.5 * ref) * axis)])), np.zeros(3)
         return joint, np.eye(3), -ref * axis
@@ -216,12 +210,8 @@ class _CompiledModel:
         """Largest torque [N·m] allowed by the joint's own limit and its actuators' ranges."""
         mj = self.mj
         limit = float(np.abs(mj.jnt_actfrcrange[j]).max()) if mj.jnt_actfrclimited[j] else np.inf
-        actuators = [
-            a
-            for a in range(mj.nu)
-            if mj.actuator_trntype[a] == mujoco.mjtTrn.mjTRN_JOINT and mj.actuator_trnid[a, 0] == j
-        ]
-        forces = [self._actuator_force(a) * abs(float(mj.actuator_gear[a, 0])) for a in actuators]
+        own = (mj.actuator_trntype == mujoco.mjtTrn.mjTRN_JOINT) & (mj.actuator_trnid[:, 0] == j)
+        forces = [self._actuator_force(a) * abs(float(mj.actuator_gear[a, 0])) for a in np.flatnonzero(own).tolist()]
         return min(limit, sum(forces)) if forces else limit
 
     def _actuator_force(self, a: int) -> float:
@@ -237,11 +227,7 @@ class _CompiledModel:
         """Primitive shapes: a body's colliding ones, or all if none collides."""
         mj = self.mj
         for body in self.bodies:
-            geoms = [
-                g
-                for g in range(mj.body_geomadr[body], mj.body_geomadr[body] + mj.body_geomnum[body])
-                if int(mj.geom_type[g]) in _PRIMITIVES
-            ]
+            geoms = [g for g in np.flatnonzero(mj.geom_bodyid == body) if int(mj.geom_type[g]) in _PRIMITIVES]
             colliding = [g for g in geoms if mj.geom_contype[g] or mj.geom_conaffinity[g]]
             for g in colliding or geoms:
                 kind: Any = _PRIMITIVES[int(mj.geom_type[g])]

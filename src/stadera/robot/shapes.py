@@ -110,14 +110,11 @@ def _named(link: str, frames: Mapping[str, Frame], pattern: re.Pattern[str]) -> 
 
 
 def _foot_at_frame(name: str, frame: Frame, spheres: list[Shape], near: float) -> Foot:
-    reach = near * _far(frame.translation)
-    offset = [_far(s.translation - frame.translation) for s in spheres]
-    if not spheres or min(offset) > reach:
+    nearest = min(spheres, key=lambda s: _far(s.translation - frame.translation), default=None)
+    off = np.inf if nearest is None else _far(nearest.translation - frame.translation)
+    if nearest is None or off > near * _far(frame.translation):
         return Foot(name, _triple(frame.translation), 0.0, "no sphere there, taken as a point at the frame")
-    nearest = spheres[int(np.argmin(offset))]
-    note = ""
-    if min(offset) > 1e-6:
-        note = f"taken at the centre of the sphere, {1e3 * min(offset):.1f} mm from the frame of that name"
+    note = f"taken at the centre of the sphere, {1e3 * off:.1f} mm from the frame of that name" if off > 1e-6 else ""
     return Foot(name, _triple(nearest.translation), nearest.size[0], note)
 
 
