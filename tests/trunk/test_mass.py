@@ -10,7 +10,7 @@ import pytest
 
 from stadera.lab.control.stand import TestBed
 from stadera.lab.control.trunk import TrunkController
-from stadera.lab.laws.noise import ForceNoise, NoisyForces
+from stadera.lab.laws.equilibrium import ForceNoise, NoisyForces
 from stadera.lab.laws.static import MassEstimator, MassSettings
 from stadera.lab.plant.payload import RigidMass
 from stadera.lab.plant.plant import Plant

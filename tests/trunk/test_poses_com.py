@@ -9,8 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from stadera.inertia import InertialParameters
-from stadera.lab.laws.equilibrium import constant_errors_of, equilibrium_rows, error_slope, wrench_slope
-from stadera.lab.laws.noise import NoisyForces
+from stadera.lab.laws.equilibrium import NoisyForces, constant_errors_of, equilibrium_rows, error_slope, wrench_slope
 from stadera.lab.laws.poses import COMBINED, PosesCom
 from stadera.lab.laws.static_poses import PoseOffset, standing_still, static_poses
 from stadera.robot import Robot, load_robot

@@ -11,8 +11,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from stadera.inertia import InertialParameters
-from stadera.lab.laws.equilibrium import equilibrium_rows, weight_felt
-from stadera.lab.laws.noise import NoisyForces
+from stadera.lab.laws.equilibrium import NoisyForces, equilibrium_rows, weight_felt
 from stadera.lab.laws.poses import PoseMean, centre_of, plausible, with_poses
 from stadera.lab.laws.recursive import ContactCom
 from stadera.lab.laws.static import felt_by_mass, stated_errors

@@ -26,7 +26,7 @@ from stadera.trunk.settings import TrunkSettings
 from stadera.trunk.standing.estimator import StandingEstimator
 
 if TYPE_CHECKING:
-    from stadera.lab.laws.noise import NoisyForces
+    from stadera.lab.laws.equilibrium import NoisyForces
     from stadera.lab.laws.orientation import PostureLaw
 
 GROUP = "stadera.estimators"

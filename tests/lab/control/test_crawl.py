@@ -7,11 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lab.control.testbed import robot_named
+from lab.control.testbed import robot_named, walk_on
 from stadera.errors import StaderaError
 from stadera.lab.control.crawl import Crawl, CrawlPhase
 from stadera.lab.control.monitor import WalkMonitor
-from stadera.lab.control.monitor import walk as walk_on
 from stadera.lab.control.stand import TestBed
 from stadera.lab.control.steps import CrawlCommand, CrawlSettings
 from stadera.lab.control.trunk import TrunkController

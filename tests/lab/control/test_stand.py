@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from lab.control.testbed import ROBOTS, bed, load_of, moved, robot_named
 from stadera.lab.control.reference import TrunkPose
 from stadera.lab.control.trunk import TrunkGains, composite
-from stadera.lab.laws.noise import NoisyForces
+from stadera.lab.laws.equilibrium import NoisyForces
 from stadera.lab.laws.static import MassEstimator, MassSettings
 from stadera.lab.plant.payload import VirtualForce
 from stadera.lab.plant.sensors import STANDARD

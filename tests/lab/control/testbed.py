@@ -9,10 +9,13 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from stadera.errors import MissingExtraError
+from stadera.lab.control.com_plan import PlanError
+from stadera.lab.control.monitor import Fall, WalkMonitor
+from stadera.lab.control.reference import ControlError
 from stadera.lab.control.stand import TestBed
 from stadera.lab.control.trunk import TrunkController
 from stadera.lab.plant.payload import Payload, RigidMass
-from stadera.lab.plant.plant import Plant
+from stadera.lab.plant.plant import Plant, SimulationError
 from stadera.lab.plant.sensors import IDEAL, SensorErrors, Sensors, plant_model
 from stadera.lab.plant.terrain import Terrain
 from stadera.lab.plant.world import TrueState
@@ -55,6 +58,19 @@ def bed(
     controller = TrunkController(robot, trunk=trunk(TrunkModel.of(plant.truth())))
     beside = None if estimator is None else estimator(controller)
     return TestBed(plant, Sensors(errors, 7, robot), controller, beside, feed_back=feed_back, every=every)
+
+
+def walk_on(bed: TestBed, seconds: float, monitor: WalkMonitor) -> Fall | None:
+    """Steps the test-bed for a duration [s] or until the robot falls, which includes an exception; returns the fall."""
+    for _ in range(round(seconds / bed.plant.timestep)):
+        try:
+            bed.step()
+        except (ControlError, PlanError, SimulationError) as error:
+            monitor.fall = monitor.fall or Fall(bed.plant.time, str(error))
+        monitor.look()
+        if monitor.fall is not None:
+            break
+    return monitor.fall
 
 
 def moved(before: TrueState, after: TrueState) -> tuple[float, float]:

@@ -11,7 +11,15 @@ import pytest
 
 from stadera.errors import StaderaError
 from stadera.fleet.pool import Pool
-from stadera.lab.experiments import EXPERIMENTS, ExperimentResult, ReproduceSettings, runner, standing, table2, table4
+from stadera.lab.experiments import (
+    EXPERIMENTS,
+    ExperimentResult,
+    ReproduceSettings,
+    runner,
+    standing,
+    table4,
+    tables_2_3,
+)
 from stadera.lab.experiments.fig6 import Settling
 from stadera.lab.experiments.runner import Record, run_grid
 from stadera.lab.experiments.standing import (
@@ -142,7 +150,7 @@ def test_table_2_has_nine_cells_two_heights_a_load_and_its_bounds(
     pretended: Callable[..., None], monkeypatch: pytest.MonkeyPatch, error: float, met: bool
 ) -> None:
     pretended((error, 0.0, 0.004))
-    monkeypatch.setattr(table2, "_OTHERS", ())
+    monkeypatch.setattr(tables_2_3, "_OTHERS", ())
     cells = bounded(EXPERIMENTS["table2"].run(ReproduceSettings(), lambda *_: None))
     plane = [r for r in cells if r.metric == "‖δ‖ in x-y"]
     assert [r.paper for r in plane] == [0.010, 0.357, 0.513, 0.020, 0.049, 0.452, 0.006, 0.125, 0.586]

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stadera.lab.laws.noise import NoisyForces
+from stadera.lab.laws.equilibrium import NoisyForces
 from stadera.lab.laws.static_poses import PoseOffset, standing_still
 from stadera.lab.supervise.weighing import Stage, StandingWeighing
 from stadera.robot import load_robot

@@ -64,7 +64,6 @@ class LegDynamics:
     """
 
     _last: Measurement | None = None
-    _moved: LegMotion | None = None
 
     def __init__(self, robot: Robot) -> None:
         model = pinocchio_model(robot)
@@ -116,15 +115,8 @@ class LegDynamics:
         """The state at this measurement; its `feet` always come from forward kinematics."""
         if self._last is not m:
             self._state = self.at(m.joint_position, m.joint_velocity, m.angular_velocity, m.force_at_origin)
-            self._last, self._moved = m, None
+            self._last = m
         return self._state
-
-    def motion_at(self, m: Measurement) -> LegMotion:
-        """Motion of the legs at this measurement, evaluated on demand."""
-        self.measured(m)
-        if self._moved is None:
-            self._moved = self.motion()
-        return self._moved
 
     def motion(self) -> LegMotion:
         """Motion of the legs at the sample of the last call of `at`."""

@@ -8,9 +8,7 @@ import numpy as np
 from stadera.constants import GRAVITY, ROUNDING
 from stadera.lab.control.com_plan import PlanError, SupportPolygon
 from stadera.lab.control.legs import LegDynamics
-from stadera.lab.control.reference import ControlError
-from stadera.lab.control.stand import TestBed
-from stadera.lab.plant.plant import Plant, SimulationError
+from stadera.lab.plant.plant import Plant
 from stadera.types import Array, Bools
 
 
@@ -121,16 +119,3 @@ class WalkMonitor(Falls):
             return SupportPolygon.of(state.contact_point[carry]).margin(self.com())
         except PlanError:
             return float("nan")
-
-
-def walk(bed: TestBed, seconds: float, monitor: WalkMonitor) -> Fall | None:
-    """Steps the test-bed for a duration [s] or until the robot falls, which includes an exception; returns the fall."""
-    for _ in range(round(seconds / bed.plant.timestep)):
-        try:
-            bed.step()
-        except (ControlError, PlanError, SimulationError) as error:
-            monitor.fall = monitor.fall or Fall(bed.plant.time, str(error))
-        monitor.look()
-        if monitor.fall is not None:
-            break
-    return monitor.fall

@@ -336,7 +336,7 @@ class TrunkController(Follower):
         torque = state.bias
         if self.swinging.legs:
             trunk = (self.odometry.position, self.velocity, rotation)
-            air, wrench = self.swinging.update(m, state, self.legs.motion_at(m), trunk, self.normal, dt)
+            air, wrench = self.swinging.update(m, state, self.legs.motion(), trunk, self.normal, dt)
             torque = np.where(self.stance[:, None], torque, air)
             force += rotation.dot(wrench[:3])
             moment += rotation.dot(wrench[3:] - cross(com, wrench[:3]))

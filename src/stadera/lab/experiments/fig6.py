@@ -9,7 +9,7 @@ from stadera.lab.control.stand import TestBed
 from stadera.lab.control.trunk import TrunkController
 from stadera.lab.experiments.runner import ExperimentResult, Paper, Record, ReproduceSettings, crossed
 from stadera.lab.experiments.standing import load_point
-from stadera.lab.laws.noise import NoisyForces
+from stadera.lab.laws.equilibrium import NoisyForces
 from stadera.lab.laws.recursive import ContactCom, LawSettings, settling_time
 from stadera.lab.plant.payload import VirtualForce
 from stadera.lab.plant.plant import Plant

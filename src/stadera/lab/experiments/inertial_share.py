@@ -27,7 +27,7 @@ from stadera.errors import StaderaError
 from stadera.inertia import skew
 from stadera.lab.control.crawl import Crawl, CrawlPhase
 from stadera.lab.control.legs import LegDynamics
-from stadera.lab.control.monitor import WalkMonitor, walk
+from stadera.lab.control.monitor import Falls
 from stadera.lab.control.stand import TestBed
 from stadera.lab.control.steps import CrawlCommand
 from stadera.lab.control.trunk import TrunkController
@@ -97,12 +97,13 @@ def crawl_cycle(robot: Robot, speed: float) -> Cycle:
     plant.reset(standing_configuration(robot))
     crawl = Crawl(TrunkController(robot), command=CrawlCommand(speed))
     crawl.resume()
-    bed, monitor, split = TestBed(plant, Sensors(IDEAL, 0, robot), crawl), WalkMonitor(plant), InertialTorques(robot)
+    bed, falls, split = TestBed(plant, Sensors(IDEAL, 0, robot), crawl), Falls(plant), InertialTorques(robot)
     rows: list[tuple[float, float, float, float]] = []
     while (cycles := _cycles(crawl)) <= 2:
-        fall = walk(bed, 2 * plant.timestep, monitor)
-        if fall is not None or crawl.failed or plant.time > 20.0:
-            how = fall.how if fall else crawl.reason or "no whole cycle"
+        bed.run(2 * plant.timestep)
+        falls.look()
+        if falls.fall is not None or crawl.failed or plant.time > 20.0:
+            how = falls.fall.how if falls.fall else crawl.reason or "no whole cycle"
             raise StaderaError(f"{robot.name} does not crawl at {speed:.3g} m/s: {how}")
         if cycles == 2:
             state = plant.state

@@ -13,11 +13,11 @@ from pathlib import Path
 import numpy as np
 
 from stadera.body import FrictionModel
-from stadera.errors import IdentificationError, StaderaError
+from stadera.errors import StaderaError
 from stadera.excite.sinusoids import Sinusoids
 from stadera.identify.legs import identify
 from stadera.identify.prior import PriorWidth, positive_definite
-from stadera.identify.result import MODELS, Identification, LegIdentification, TorqueTrace
+from stadera.identify.result import MODELS, Identification, LegIdentification
 from stadera.identify.settings import IdentifySettings
 from stadera.lab.experiments.runner import CaseValues, ExperimentResult, Paper, Record, ReproduceSettings
 from stadera.lab.laws.paper_draw import paper_draw
@@ -29,7 +29,6 @@ from stadera.logs.topics import example
 from stadera.report.figures import Axis, Figure, Panel, line, stacked
 from stadera.report.identify.tables import rmse_table
 from stadera.report.look import ROLES
-from stadera.report.table import TableData
 from stadera.robot import load_robot
 from stadera.robot.model import Robot
 
@@ -164,7 +163,7 @@ PART = "validation"
 
 def torque_figure(leg: LegIdentification, title: str, note: str, models: tuple[str, ...]) -> Figure:
     """Three panels of torques, then the errors of the first joint; later models are on top."""
-    trace, time = _validation(leg), Axis("time [s]")
+    trace, time = next(trace for trace in leg.traces if trace.part == PART), Axis("time [s]")
     panels = []
     for k, joint in enumerate(leg.leg.joints):
         lines = [line(trace.time, trace.measured[:, k], "measured", "ink", width=2.4)]
@@ -175,18 +174,6 @@ def torque_figure(leg: LegIdentification, title: str, note: str, models: tuple[s
     )
     panels.append(Panel(time, Axis("error [N·m]"), errors, title=f"{leg.leg.joints[0]}: errors"))
     return stacked(title, panels, note)
-
-
-def _validation(leg: LegIdentification) -> TorqueTrace:
-    """The trace of motion that was not used for fitting."""
-    for trace in leg.traces:
-        if trace.part == PART:
-            return trace
-    raise IdentificationError(f"leg {leg.leg.name}: nothing was held out to validate on")
-
-
-def _rmse_table(result: Identification, title: str, note: str) -> TableData:
-    return replace(rmse_table(result), title=title, note=note)
 
 
 def _rmse_records(
@@ -226,8 +213,8 @@ def _fig4(cases: Sequence[LegCase], found: Sequence[Identification]) -> Experime
             *_rmse_records(_FIG4, {"sensor errors": "standard"}, noisy_leg, "prior_friction"),
         ),
         (
-            _rmse_table(exact, "Torque RMSE, no noise [N·m]", note),
-            _rmse_table(noisy, "Torque RMSE, sensor errors [N·m]", offsets),
+            replace(rmse_table(exact), title="Torque RMSE, no noise [N·m]", note=note),
+            replace(rmse_table(noisy), title="Torque RMSE, sensor errors [N·m]", note=offsets),
         ),
         (
             torque_figure(exact_leg, "Without noise, as in the paper", note, _PLAIN),
@@ -275,7 +262,11 @@ def _fig5(cases: Sequence[RealLegs], found: Sequence[Identification]) -> Experim
     return _FIG5.result(
         [record for robot, result in pairs for record in _real_records(robot, result)],
         [
-            _rmse_table(result, f"{robot}: torque RMSE [N·m]", f"On {result.validated_on}, not used to identify.")
+            replace(
+                rmse_table(result),
+                title=f"{robot}: torque RMSE [N·m]",
+                note=f"On {result.validated_on}, not used to identify.",
+            )
             for robot, result in pairs
         ],
         [

@@ -351,13 +351,13 @@ def _bars(errors: str, pairs: _Pairs, method: str) -> Iterator[Record]:
         coverage = _coverage(pairs, name, method)
         if coverage is not None:
             within, beyond = coverage
-            yield PAPER.least(case, f"{name}, within 2 σ", "1", within, 0.90)
+            yield PAPER.record(case, f"{name}, within 2 σ", "1", within, None, 0.90, "at least")
             yield PAPER.record(case, f"{name}, beyond 4 σ with verdict good", "1", float(beyond), bound=0.0)
     good = sum(figures["verdict"] == "good" for _, figures in own)
-    yield PAPER.least(case, "verdict good", "1", good / len(own), 0.8)
+    yield PAPER.record(case, "verdict good", "1", good / len(own), None, 0.8, "at least")
     late = [figures["noticed"] for c, figures in own if c.share >= HOW.noticeable]
     if late:
         soon = float(np.mean([time is not None and time <= HOW.soon for time in late]))
-        yield PAPER.least(case, f"load noticed within {HOW.soon} s", "1", soon, 0.95)
+        yield PAPER.record(case, f"load noticed within {HOW.soon} s", "1", soon, None, 0.95, "at least")
     rate = 600.0 * sum(figures["false_changes"] for _, figures in own) / (HOW.duration * len(own))
     yield PAPER.record(case, "false changes in 10 minutes", "1", rate, bound=1.0)

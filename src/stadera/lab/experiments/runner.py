@@ -125,12 +125,9 @@ class Paper:
         value: float,
         paper: float | None = None,
         bound: float | None = None,
+        bound_is: Literal["at most", "at least"] = "at most",
     ) -> Record:
-        return Record(self.name, case, metric, unit, value, paper, bound)
-
-    def least(self, case: CaseValues, metric: str, unit: str, value: float, bound: float | None) -> Record:
-        """A record whose bound is a lower limit."""
-        return Record(self.name, case, metric, unit, value, None, bound, "at least")
+        return Record(self.name, case, metric, unit, value, paper, bound, bound_is)
 
     def spread(
         self, case: CaseValues, title: str, unit: str, values: Sequence[float], bounds: Bounds

@@ -17,7 +17,7 @@ import numpy as np
 from stadera.lab.control.reference import TrunkPose
 from stadera.lab.control.stand import TestBed
 from stadera.lab.control.trunk import TrunkController
-from stadera.lab.laws.noise import NoisyForces
+from stadera.lab.laws.equilibrium import NoisyForces
 from stadera.lab.laws.orientation import PostureLaw
 from stadera.lab.laws.recursive import RecursiveCom
 from stadera.lab.laws.static import MassEstimator

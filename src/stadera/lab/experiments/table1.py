@@ -256,7 +256,7 @@ def _records(exact: Recovery, possible: Recovery, noisy: Recovery, worth: tuple[
     yield from _exact_records(case, exact, paper["com"])
     yield PAPER.record(case, "unobservable parameters, largest change from CAD", "SI", exact.drift, 0.0, 0.0)
     rank = exact.leg.estimate.observability.rank
-    yield Record(PAPER.name, case, "rank, of 30", "1", rank, paper["rank"], PAPER.bounds["rank"], "at least")
+    yield PAPER.record(case, "rank, of 30", "1", rank, paper["rank"], PAPER.bounds["rank"], "at least")
     case = _case("physical", "none", possible)
     yield from _exact_records(case, possible)
     yield PAPER.record(case, "links that no real body could be", "1", impossible_links(possible.leg), bound=0.0)

@@ -32,8 +32,7 @@ from scipy.spatial.transform import Rotation
 
 from stadera.constants import GRAVITY
 from stadera.inertia import skew
-from stadera.lab.laws.equilibrium import constant_errors_of
-from stadera.lab.laws.noise import NoisyForces
+from stadera.lab.laws.equilibrium import NoisyForces, constant_errors_of
 from stadera.lab.laws.recursive import Instant, LawSettings, RecursiveCom, step_size
 from stadera.robot.model import Robot
 from stadera.trunk.measurement import Measurement

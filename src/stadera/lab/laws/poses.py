@@ -20,8 +20,7 @@ from numpy.typing import NDArray
 
 from stadera.constants import GRAVITY
 from stadera.information import Information, Unknowns
-from stadera.lab.laws.equilibrium import constant_errors_of, equilibrium_rows
-from stadera.lab.laws.noise import ForceNoise, NoisyForces
+from stadera.lab.laws.equilibrium import ForceNoise, NoisyForces, constant_errors_of, equilibrium_rows
 from stadera.lab.laws.static import StaticEstimator, stated_errors
 from stadera.robot.model import Robot
 from stadera.trunk.load import centre_slope

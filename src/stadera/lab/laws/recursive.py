@@ -44,8 +44,7 @@ import numpy as np
 from stadera.constants import GRAVITY
 from stadera.errors import IdentificationError
 from stadera.inertia import skew
-from stadera.lab.laws.equilibrium import error_slope
-from stadera.lab.laws.noise import NoisyForces
+from stadera.lab.laws.equilibrium import NoisyForces, error_slope
 from stadera.lab.laws.static import StaticEstimator, white_covariance
 from stadera.robot.model import Robot
 from stadera.trunk.measurement import Measurement

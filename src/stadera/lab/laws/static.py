@@ -16,8 +16,7 @@ from math import exp, isnan, sqrt
 import numpy as np
 
 from stadera.constants import GRAVITY
-from stadera.lab.laws.equilibrium import constant_errors_of, felt_by_mass, wrench_slope
-from stadera.lab.laws.noise import ForceNoise, NoisyForces
+from stadera.lab.laws.equilibrium import ForceNoise, NoisyForces, constant_errors_of, felt_by_mass, wrench_slope
 from stadera.robot.model import Robot
 from stadera.trunk.measurement import Measurement
 from stadera.trunk.model import ImplausibleError, TrunkBounds, TrunkModel

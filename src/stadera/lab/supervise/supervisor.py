@@ -32,7 +32,7 @@ from stadera.constants import GRAVITY, ROUNDING
 from stadera.errors import StaderaError
 from stadera.lab.control.crawl import Crawl
 from stadera.lab.control.legs import LegDynamics
-from stadera.lab.laws.noise import NoisyForces
+from stadera.lab.laws.equilibrium import NoisyForces
 from stadera.lab.supervise.weighing import Stage, StandingWeighing, WeighingSettings
 from stadera.report.numbers import number, with_std
 from stadera.robot.model import Robot

@@ -10,7 +10,7 @@ from enum import StrEnum
 
 import numpy as np
 
-from stadera.lab.laws.noise import NoisyForces
+from stadera.lab.laws.equilibrium import NoisyForces
 from stadera.lab.laws.static import MassEstimator
 from stadera.lab.laws.static_poses import PoseOffset, static_poses
 from stadera.trunk.drives import TERMS, Drives
