@@ -6,14 +6,16 @@ from collections.abc import Mapping
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from stadera.lab.control.legs import foot_jacobians
+from stadera.lab.control.legs import joint_columns
 from stadera.logs import Imu, Recording
 from stadera.robot import Robot
-from stadera.robot.kinematics import foot_positions
+from stadera.robot.kinematics import checked_angles, foot_positions, leg_kinematics
 from stadera.robot.stance import standing_configuration
 from stadera.trunk import Measurement
+from stadera.types import Array
 
 GRAVITY = 9.81
 
@@ -157,3 +159,16 @@ def _with_feet_at(robot: Robot, nominal: np.ndarray, turn: Rotation) -> np.ndarr
         for leg, place in enumerate(columns):
             q[place] += np.linalg.solve(jacobians[leg], error[leg])
     return q
+
+
+def foot_jacobians(robot: Robot, q: ArrayLike) -> Array:
+    """Jacobians of the feet with respect to their own leg's three joints (HAA, HFE, KFE, the last axis), trunk frame
+    [m/rad], (N, 4, 3, 3): `foot velocity = J @ joint velocity` for a trunk that stands still. ModelError for another
+    shape of q.
+    """
+    angles = checked_angles(robot.tree, q)
+    slopes = [
+        leg_kinematics(robot.leg_tree(leg.name), leg, angles[:, own])[2][..., :3]
+        for leg, own in zip(robot.legs, joint_columns(robot), strict=True)
+    ]
+    return np.stack(slopes, axis=1).swapaxes(2, 3)

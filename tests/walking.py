@@ -15,13 +15,13 @@ from scipy.interpolate import make_interp_spline
 from scipy.spatial.transform import Rotation
 
 from stadera.inertia import InertialParameters
-from stadera.lab.control.legs import foot_jacobians
 from stadera.lab.plant.sensors import SensorErrors
 from stadera.logs import Imu, Recording
 from stadera.robot import Robot
 from stadera.robot.imu import ImuMount
 from stadera.robot.kinematics import foot_positions
 from stadera.robot.stance import standing_configuration
+from standing import foot_jacobians
 
 GRAVITY = 9.81
 PHASES = np.array([0.0, 0.5, 0.25, 0.75])  # of LF, RF, LH, RH: at most one foot in the air

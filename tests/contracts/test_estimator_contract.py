@@ -345,7 +345,7 @@ def test_the_reference_robot_carries_its_weight() -> None:
     effort = TRUTH.efforts(STANCE, np.eye(3))
     step = 1e-6
     feet = foot_positions(ROBOT, STANCE[None])[0]
-    from stadera.lab.control.legs import foot_jacobians
+    from standing import foot_jacobians
 
     J = foot_jacobians(ROBOT, STANCE[None])[0]
     columns = np.array([[ROBOT.tree.joints.index(j) for j in leg.joints] for leg in ROBOT.legs])

@@ -10,11 +10,11 @@ import pinocchio as pin
 import pytest
 
 from stadera.errors import MissingExtraError
-from stadera.lab.control.legs import foot_jacobians
 from stadera.lab.pinocchio import pinocchio_model
 from stadera.robot import CATALOG, LEG_NAMES, Robot, load_robot
 from stadera.robot.kinematics import foot_positions, forward_kinematics
 from stadera.robot.stance import standing_configuration
+from standing import foot_jacobians
 
 _SEED = 5
 

@@ -13,7 +13,6 @@ from stadera.excite.design import ExciteSettings
 from stadera.excite.optimise import FourierSearch
 from stadera.identify.settings import LagSettings, SignalSettings, TrustSettings
 from stadera.identify.solutions import SolverSettings
-from stadera.lab.laws.paper_draw import DrawSettings
 from stadera.live.state import LiveSettings
 from stadera.logs.bags.container import BagSettings
 from stadera.robot.stance import StanceSettings
@@ -23,7 +22,6 @@ from stadera.weigh.settings import WeighSettings
 SETTINGS = (
     BagSettings,
     ChangeSettings,
-    DrawSettings,
     ExciteSettings,
     FourierSearch,
     LagSettings,

@@ -44,9 +44,6 @@ class Film:
     trunk_com: Array  # (k, 3, 2), the same of its centre of mass in x and y, trunk frame
     std: Array  # (k, 3), of the estimates of mass [kg], x and y. NaN for quantities without a present estimate.
 
-    def __len__(self) -> int:
-        return len(self.time)
-
 
 class Camera:
     """Records a frame of a walk every `periods`."""

@@ -165,7 +165,7 @@ def replay(
     """
     asked, source = settings or ReplaySettings(), as_log(log)
     robot = models[0].robot
-    if gains is not None and _steps(lag, asked.timestep) < 0:
+    if gains is not None and round(lag / asked.timestep) < 0:
         raise RecordingError(
             f"{source.source}: a controller's torque acts at its stamp or later, got a lag of {lag:g} s"
         )
@@ -205,10 +205,6 @@ def _begins(driven: Processed, settings: ReplaySettings) -> Array:
     return np.asarray(np.arange(begin, end, settings.every), dtype=float)
 
 
-def _steps(lag: float, timestep: float) -> int:
-    return round(lag / timestep)
-
-
 def _at(time: Array, values: Array, when: Array) -> Array:
     """Values (samples, n) at other times, (times, n)."""
     return np.column_stack([np.interp(when, time, column) for column in values.T])
@@ -237,7 +233,7 @@ class _Simulated:
         model, data, order = self.model, self.data, self.order
         assert driven.effort is not None
         torque = _at(driven.time, driven.effort[:, order], begin + time)
-        behind = max(_steps(lag, model.opt.timestep), 0)  # with a lag below zero there is no controller
+        behind = max(round(lag / model.opt.timestep), 0)  # with a lag below zero there is no controller
         position = _at(driven.time, driven.position[:, order], begin + time - lag)
         rate = _at(driven.time, driven.velocity[:, order], begin + time - lag)
         mujoco.mj_resetData(model, data)

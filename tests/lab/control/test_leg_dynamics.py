@@ -8,10 +8,11 @@ import pytest
 from stadera.body import Body, Motion
 from stadera.body.friction import direction
 from stadera.errors import MissingExtraError
-from stadera.lab.control.legs import LegDynamics, foot_jacobians, joint_columns
+from stadera.lab.control.legs import LegDynamics, joint_columns
 from stadera.robot import JointDynamics, Robot, load_robot
 from stadera.robot.kinematics import foot_positions
 from stadera.robot.stance import standing_configuration
+from standing import foot_jacobians
 
 
 def robot_named(name: str) -> Robot:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from stadera.lab.control.legs import foot_jacobians
 from stadera.lab.control.stand import TestBed
 from stadera.lab.control.trunk import LegOdometry, TrunkController
 from stadera.lab.plant.plant import Plant
@@ -13,6 +12,7 @@ from stadera.lab.plant.sensors import IDEAL, Sensors
 from stadera.robot import load_robot
 from stadera.robot.kinematics import foot_positions
 from stadera.robot.stance import standing_configuration
+from standing import foot_jacobians
 
 ALL = np.ones(4, dtype=bool)
 FEET = np.array([[0.4, 0.2, -0.6], [0.4, -0.2, -0.6], [-0.4, 0.2, -0.6], [-0.4, -0.2, -0.6]])

@@ -63,7 +63,7 @@ def test_with_it_the_robot_walks_on_without_a_stop(result: DemoResult):
 
 def test_film_shows_robot_load_and_truth(result: DemoResult):
     film = result.identified.film
-    assert len(film) == pytest.approx(SHORT.duration / 0.04, abs=1)
+    assert len(film.time) == pytest.approx(SHORT.duration / 0.04, abs=1)
     before, after = film.time < SHORT.load_at, film.time > SHORT.load_at + 0.5
     assert np.isnan(film.box[before]).all()
     assert np.isfinite(film.box[after]).all()

@@ -37,14 +37,12 @@ import numpy as np
 
 from stadera.constants import GRAVITY
 from stadera.lab.control.com_plan import ComPlan, GroundPlane, SupportPhase, SupportPolygon, facing, plan_com
-from stadera.lab.control.legs import foot_jacobians
 from stadera.lab.control.reference import Move, TrunkPose
 from stadera.lab.control.stand import Gait
 from stadera.lab.control.steps import CrawlCommand, CrawlSettings, Step, StepSequence, support_phases
 from stadera.lab.control.swing import SwingTrajectory
 from stadera.lab.control.trunk import TrunkController
 from stadera.robot.model import LEG_NAMES
-from stadera.robot.stance import standing_configuration
 from stadera.trunk.measurement import Measurement
 from stadera.types import Array
 
@@ -321,9 +319,7 @@ class BodyReference:
 
     def __init__(self, controller: TrunkController, settings: CrawlSettings, measurement: Measurement) -> None:
         self._controller, self._settings = controller, settings
-        self._nominal = _determinants(
-            foot_jacobians(controller.robot, standing_configuration(controller.robot)[None])[0]
-        )
+        self._nominal = _determinants(controller.legs.nominal_jacobians())
         self._mass, self._moment = controller.trunk.target_mass, controller.trunk.target_moment
         self.see(measurement)
         here = controller.reference

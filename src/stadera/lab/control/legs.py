@@ -18,12 +18,12 @@ from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from stadera.inertia import skew
 from stadera.lab.pinocchio import pinocchio_model
-from stadera.robot.kinematics import checked_angles, leg_kinematics
 from stadera.robot.model import Robot
+from stadera.robot.stance import standing_configuration
 from stadera.trunk.measurement import Measurement
 from stadera.types import Array
 
@@ -111,6 +111,12 @@ class LegDynamics:
             moment=self._mass * self._com - self._trunk_moment,
         )
 
+    def nominal_jacobians(self) -> Array:
+        """Jacobians (4, 3, 3) [m/rad] of the feet's centres in the nominal stance."""
+        still = np.zeros(len(self.robot.tree.joints))
+        state = self.at(standing_configuration(self.robot), still, np.zeros(3), np.zeros(3))
+        return state.jacobians(state.feet)
+
     def measured(self, m: Measurement) -> LegState:
         """The state at this measurement; its `feet` always come from forward kinematics."""
         if self._last is not m:
@@ -139,19 +145,6 @@ def cross(a: Array, b: Array) -> Array:
     """a x b, (3,) each, faster than numpy's for single vectors."""
     a, b = np.concatenate((a, a[:2])), np.concatenate((b, b[:2]))  # x y z x y
     return np.asarray(a[1:4] * b[2:] - a[2:] * b[1:4])
-
-
-def foot_jacobians(robot: Robot, q: ArrayLike) -> Array:
-    """Jacobians of the feet with respect to their own leg's three joints (HAA, HFE, KFE, the last axis), trunk frame
-    [m/rad], (N, 4, 3, 3): `foot velocity = J @ joint velocity` for a trunk that stands still. ModelError for another
-    shape of q.
-    """
-    angles = checked_angles(robot.tree, q)
-    slopes = [
-        leg_kinematics(robot.leg_tree(leg.name), leg, angles[:, own])[2][..., :3]
-        for leg, own in zip(robot.legs, joint_columns(robot), strict=True)
-    ]
-    return np.stack(slopes, axis=1).swapaxes(2, 3)
 
 
 def joint_columns(robot: Robot) -> NDArray[np.int_]:

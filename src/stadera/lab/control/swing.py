@@ -25,13 +25,10 @@ from dataclasses import dataclass, field
 from math import isfinite
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stadera.body import Body
 from stadera.constants import GRAVITY
-from stadera.lab.control.legs import LegMotion, LegState, foot_jacobians
-from stadera.robot.model import Robot
-from stadera.robot.stance import standing_configuration
+from stadera.lab.control.legs import LegDynamics, LegMotion, LegState
 from stadera.trunk.measurement import Measurement
 from stadera.types import Array
 
@@ -105,7 +102,7 @@ class SwingTrajectory:
 
 
 class SwingLegs:
-    """The legs that swing now; `columns` (4, 3) are the indices of each leg's joints in the tree's order.
+    """The legs that swing now.
 
     Attributes:
         trajectories: of each leg; None for one that does not swing.
@@ -113,13 +110,13 @@ class SwingLegs:
         touched: (4,) bool, swinging legs in contact with the ground.
     """
 
-    def __init__(self, robot: Robot, columns: NDArray[np.int_], settings: SwingLegSettings | None = None) -> None:
-        self.settings = how = settings or SwingLegSettings()
+    def __init__(self, legs: LegDynamics) -> None:
+        self.settings, robot = SwingLegSettings(), legs.robot
         self._body = Body.of(robot, others=False)
-        self._columns = columns
-        self._least = how.touch * robot.mass * GRAVITY
-        nominal = np.linalg.norm(foot_jacobians(robot, standing_configuration(robot)[None])[0], axis=(1, 2)).max()
-        self._most_squared = 1.0 / (how.singular * float(nominal)) ** 2
+        self._columns = legs.columns
+        self._least = self.settings.touch * robot.mass * GRAVITY
+        nominal = np.linalg.norm(legs.nominal_jacobians(), axis=(1, 2)).max()
+        self._most_squared = 1.0 / (self.settings.singular * float(nominal)) ** 2
         self.trajectories: list[SwingTrajectory | None] = [None] * 4
         self.force, self.touched = np.zeros((4, 3)), np.zeros(4, dtype=bool)
         self._slow_rate, self._slow_torque = np.zeros((4, 3)), np.zeros((4, 3))

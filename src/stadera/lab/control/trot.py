@@ -138,7 +138,8 @@ class Trot(Gait):
         c = self.controller
         here = c.reference
         self.stepping = True
-        self._place, self._yaw = (float(here.position[0]), float(here.position[1])), _yaw(here.rotation)
+        self._place = (float(here.position[0]), float(here.position[1]))
+        self._yaw = atan2(here.rotation[1, 0], here.rotation[0, 0])
         self._ground = self._level = float(c.feet[:, 2].mean())
         self._drift = _NOTHING
         self._follow_command(0.0)
@@ -236,7 +237,3 @@ class Trot(Gait):
 
 def _within(value: float, most: float) -> float:
     return min(max(value, -most), most)
-
-
-def _yaw(rotation: Array) -> float:
-    return atan2(rotation[1, 0], rotation[0, 0])

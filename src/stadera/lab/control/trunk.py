@@ -261,7 +261,7 @@ class TrunkController(Follower):
         self.saturated = np.zeros(len(robot.tree.joints), dtype=bool)
         self.rotation, self.velocity = np.eye(3), np.zeros(3)
         self.com, self.feet, self.normal = np.zeros(3), np.zeros((4, 3)), _UP
-        self.swinging = SwingLegs(robot, self.legs.columns)
+        self.swinging = SwingLegs(self.legs)
         feet = nominal_feet(robot)
         least = 0.02  # share of the weight on every foot in stance
         limits = ContactLimits(least_normal=least * robot.mass * GRAVITY)

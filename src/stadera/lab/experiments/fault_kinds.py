@@ -61,7 +61,7 @@ def _every(log: Recording, _: Robot, __: Rng) -> Sequence[int]:
     return range(len(log.joints))
 
 
-def _arms(robot: Robot) -> list[tuple[str, ...]]:
+def arms_of(robot: Robot) -> list[tuple[str, ...]]:
     """Joints of two alike limbs besides the legs, or of the only one, from the trunk outwards."""
     extra, limbs = robot.extra, Limbs.of(robot)
     if extra is None:
@@ -71,7 +71,7 @@ def _arms(robot: Robot) -> list[tuple[str, ...]]:
 
 
 def _of_arms(log: Recording, robot: Robot, _: Rng) -> Sequence[int]:
-    return [log.index(joint) for arm in _arms(robot) for joint in arm]
+    return [log.index(joint) for arm in arms_of(robot) for joint in arm]
 
 
 def _one_of_arms(log: Recording, robot: Robot, rng: Rng) -> Sequence[int]:
@@ -169,11 +169,11 @@ def _legs(*pairs: tuple[int, int]) -> Pairs:
 
 
 def _legs_with_arms(robot: Robot) -> Sequence[tuple[Sequence[str], Sequence[str]]]:
-    return [(leg.joints, arm) for leg, arm in zip(robot.legs, _arms(robot), strict=False)]
+    return [(leg.joints, arm) for leg, arm in zip(robot.legs, arms_of(robot), strict=False)]
 
 
 def _two_arms(robot: Robot) -> Sequence[tuple[Sequence[str], Sequence[str]]]:
-    arms = _arms(robot)
+    arms = arms_of(robot)
     return [(arms[0], arms[1])] if len(arms) == 2 else []
 
 
@@ -228,7 +228,7 @@ def _imu_late(log: Recording, robot: Robot, rng: Rng, seconds: float = 0.08) -> 
 
 # -- arms and model ---------------------------------------------------------------------------------------------------
 def _without_arms(log: Recording, robot: Robot, _: Rng) -> Recording:
-    gone = [joint for arm in _arms(robot) for joint in arm]
+    gone = [joint for arm in arms_of(robot) for joint in arm]
     return log.of_joints(tuple(joint for joint in log.joints if joint not in gone))
 
 

@@ -7,12 +7,12 @@ from pathlib import Path
 from typing import Any
 
 from stadera.errors import StaderaError
+from stadera.lab.experiments.fault_kinds import arms_of
 from stadera.lab.experiments.runner import ExperimentResult, Outcome, Paper, Record, ReproduceSettings, grouped, spread
 from stadera.lab.scenarios.catalog import Load, SimulateSettings
 from stadera.lab.scenarios.run import simulate, stored
 from stadera.report.table import Row, TableData
 from stadera.robot import load_robot
-from stadera.robot.limbs import Limbs
 from stadera.robot.model import Robot
 from stadera.weigh.weigh import weigh
 
@@ -86,9 +86,7 @@ def weighed(case: CarryCase, logs: Path | None = None) -> dict[str, Any]:
 def hand_of(robot: Robot) -> str:
     """The link at the end of the robot's first limb that is no leg."""
     assert robot.extra is not None
-    limbs = Limbs.of(robot)
-    tips = limbs.hands[0] if limbs.hands else limbs.ends
-    return robot.extra.links[tips[0]]
+    return robot.extra.links[robot.extra.joints.index(arms_of(robot)[0][-1])]
 
 
 _Pairs = Sequence[tuple[CarryCase, Outcome]]

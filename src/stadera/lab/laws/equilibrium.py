@@ -107,20 +107,10 @@ def wrench_slope(forces: ContactForces) -> Array:
 
 def error_slope(forces: ContactForces, robot: Robot, up: Array) -> Array:
     """Derivative (6, k) of (F - m_l g u, μ - h_l x g u), at rest, with respect to the constant errors; the vertical's,
-    which depends on the trunk, is zero (`vertical_slope`).
+    which depends on the trunk, is zero.
     """
     links = forces.weights.links[:, : len(robot.tree.joints)] @ (GRAVITY * up)
     return np.hstack([wrench_slope(forces), np.zeros((6, 3)), links])
-
-
-def vertical_slope(forces: ContactForces, trunk: Array, up: Array) -> Array:
-    """Derivative (6, 3) of (F - (m + m_l) g u, μ - (h + h_l) x g u) with respect to ε, u = u_measured + u x ε.
-
-    Args:
-        trunk: (4,), m [kg] and h [kg·m].
-        up: u_measured, (3,).
-    """
-    return np.asarray(GRAVITY * _by_specific_force(forces, trunk) @ skew(up))
 
 
 def _by_specific_force(forces: ContactForces, trunk: Array) -> Array:
@@ -179,7 +169,8 @@ def equilibrium_rows(
     matrix[:3, 0] = -GRAVITY * up
     matrix[3:6, 1:4] = GRAVITY * skew(up)
     by_error[:6] = -error_slope(forces, robot, up)
-    by_error[:6, places["vertical"]] = vertical_slope(forces, _estimated_trunk(forces, up), up)
+    # u = u_measured + u x ε
+    by_error[:6, places["vertical"]] = GRAVITY * _by_specific_force(forces, _estimated_trunk(forces, up)) @ skew(up)
     by_error[np.arange(6, len(matrix)), torque.start + swing] = 1.0
     value[:6] = forces.wrench - forces.weights.own @ (GRAVITY * up)
     value[6:] = forces.left[swing]

@@ -15,7 +15,7 @@ from itertools import product
 
 import numpy as np
 
-from stadera.errors import IdentificationError, require_positive
+from stadera.errors import IdentificationError
 from stadera.excite.bounds import LegBounds, fitting_factor, poses_between
 from stadera.excite.sinusoids import FREQUENCIES, Sinusoids, check_duration
 from stadera.robot.model import Robot
@@ -34,9 +34,6 @@ class DrawSettings:
     amplitude: float = 0.25  # largest amplitude, as a share of the reach [1], which leaves room to shift origins
     candidates: int = 729  # largest number of origins tried
     choice: int = 8  # least number of candidates for each origin, if few are clear
-
-    def __post_init__(self) -> None:
-        require_positive("setting of a draw", self, self.__dataclass_fields__)
 
 
 _SETTINGS = DrawSettings()

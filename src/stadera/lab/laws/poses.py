@@ -129,18 +129,11 @@ class PosesCom(StaticEstimator):
     determines.
     """
 
-    _WITHOUT_IMU = True
+    _WITHOUT_IMU, kind = True, PosesSettings
+    settings: PosesSettings
 
-    def __init__(
-        self,
-        robot: Robot,
-        start: TrunkModel | None = None,
-        forces: NoisyForces | None = None,
-        settings: PosesSettings | None = None,
-    ) -> None:
-        self.settings = settings or PosesSettings()
-        super().__init__(robot, start, forces, self.settings.still)
-        torque, foot = self.settings.torque_constant, self.settings.foot_position
+    def _begin(self) -> None:
+        robot, torque, foot = self.robot, self.settings.torque_constant, self.settings.foot_position
         if torque is not None and foot is not None:
             self._error_std = stated_errors(robot, ForceNoise.of(robot, constant=torque, foot_position=foot))
         self._folded = plausible(robot, self._start, self.bounds)

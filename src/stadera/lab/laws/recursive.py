@@ -44,9 +44,8 @@ import numpy as np
 from stadera.constants import GRAVITY
 from stadera.errors import IdentificationError
 from stadera.inertia import skew
-from stadera.lab.laws.equilibrium import NoisyForces, error_slope
+from stadera.lab.laws.equilibrium import error_slope
 from stadera.lab.laws.static import StaticEstimator, white_covariance
-from stadera.robot.model import Robot
 from stadera.trunk.measurement import Measurement
 from stadera.trunk.model import TrunkModel
 from stadera.trunk.protocol import unobserved
@@ -162,17 +161,12 @@ class Instant:
 class RecursiveCom(StaticEstimator):
     """A law that steps towards the centre of mass, first in a plane and then along a line."""
 
-    def __init__(
-        self,
-        robot: Robot,
-        start: TrunkModel | None = None,
-        forces: NoisyForces | None = None,
-        settings: LawSettings | None = None,
-    ) -> None:
-        self.settings = settings or LawSettings()
-        super().__init__(robot, start, forces, self.settings.still)
+    kind = LawSettings
+    settings: LawSettings
+
+    def _begin(self) -> None:
         self._settled = Settled()
-        self._mass_settled = Settled(self.settings.mass_settled * robot.mass)
+        self._mass_settled = Settled(self.settings.mass_settled * self.robot.mass)
         self._known: Array | None = None
         self._seen_from: Instant | None = None
         self._seen_at = -np.inf

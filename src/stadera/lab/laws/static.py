@@ -12,6 +12,7 @@ first-order low-pass that gives the first samples full weight and restarts after
 from abc import abstractmethod
 from dataclasses import dataclass
 from math import exp, isnan, sqrt
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -45,25 +46,27 @@ class StaticEstimator(StepEstimator):
     """Base of estimators at rest: selects measurements, keeps the last good estimate, and tells why others are refused.
 
     `start` is the initial estimate, None for the robot's own trunk; ImplausibleError if it lies outside
-    `TrunkBounds.of(robot)`.
+    `TrunkBounds.of(robot)`. `settings` are of the estimator's own kind, None for the defaults.
     """
 
     _WITHOUT_IMU = False  # whether its covariance includes a vertical computed from the forces
+    kind: ClassVar[type[Any]]  # of the settings, which have the limits of standing `still`
+    settings: Any
 
     def __init__(
-        self,
-        robot: Robot,
-        start: TrunkModel | None = None,
-        forces: NoisyForces | None = None,
-        limits: StaticLimits | None = None,
+        self, robot: Robot, start: TrunkModel | None = None, forces: NoisyForces | None = None, settings: Any = None
     ) -> None:
-        self.robot, self.forces = robot, forces or NoisyForces(robot)
+        self.robot, self.forces, self.settings = robot, forces or NoisyForces(robot), settings or self.kind()
         self._error_std = stated_errors(robot, self.forces.noise)
         self.bounds = TrunkBounds.of(robot)
-        self.gate = StaticDetector(robot, limits)
+        self.gate = StaticDetector(robot, self.settings.still)
         self._trunk = self._start = self.bounds.check(start or TrunkModel.prior(robot))
         self._status, self._reason = Status.WAITING, ""
         self._learnt, self._ran_away = np.nan, False
+        self._begin()
+
+    def _begin(self) -> None:
+        """Prepares what an estimator keeps besides."""
 
     def update(self, measurement: Measurement) -> None:
         """Uses a measurement at rest; refuses any other and keeps its estimate."""
@@ -126,6 +129,7 @@ class MassSettings:
     faster: float = 5.0  # ratio of the rates of a second average, in which a change appears first, and the main one
     change: float = 1e-3  # difference of the two averages that counts as a change, as a share of the robot's mass
     first: float = 1e-3  # duration of the first sample after a restart [s]; any short one gives it its full weight
+    still: StaticLimits | None = None  # limits of standing still; None for the usual ones
 
 
 class MassEstimator(StaticEstimator):
@@ -133,17 +137,10 @@ class MassEstimator(StaticEstimator):
     mass.
     """
 
-    _WITHOUT_IMU = True
+    _WITHOUT_IMU, kind = True, MassSettings
+    settings: MassSettings
 
-    def __init__(
-        self,
-        robot: Robot,
-        start: TrunkModel | None = None,
-        forces: NoisyForces | None = None,
-        settings: MassSettings | None = None,
-    ) -> None:
-        super().__init__(robot, start, forces)
-        self.settings = settings or MassSettings()
+    def _begin(self) -> None:
         self._last: tuple[ContactForces, Measurement] | None = None
         self._known: Array | None = None
         self._averaged_variance = self._slow = self._fast = self._sample_variance = 0.0

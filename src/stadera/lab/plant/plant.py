@@ -38,7 +38,7 @@ class SimulationError(StaderaError):
 
 class Plant:
     """A simulated robot with true parameters. Deterministic; `timestep` [s] is also the control's; `friction` is in
-    place of the robot's Coulomb friction.
+    place of the robot's Coulomb friction. `payloads` are the present loads on the robot.
     """
 
     def __init__(
@@ -51,7 +51,7 @@ class Plant:
         self.robot, self._friction = robot, friction
         self.terrain = terrain or Terrain()
         self.timestep = timestep
-        self._payloads: tuple[Payload, ...] = ()
+        self.payloads: tuple[Payload, ...] = ()
         self._outside: OutsideForce | None = None
         self._outside_start: Array | None = None
         self._tray = Tray.of(robot)
@@ -65,7 +65,7 @@ class Plant:
         positions (n,) [rad] in the tree's order. The lowest foot touches the ground.
         """
         q = self._checked(joint_position, "joint positions")
-        self._payloads, self._outside, self._steps = (), None, 0
+        self.payloads, self._outside, self._steps = (), None, 0
         self._build()
         self._data.qpos[3:7], self._data.qpos[self._q] = quaternion_wxyz(self.terrain.rotation), q
         mujoco.mj_kinematics(self._model, self._data)
@@ -87,14 +87,9 @@ class Plant:
         self._evaluate()
 
     # -- payload ----------------------------------------------------------------------------------------------
-    @property
-    def payloads(self) -> tuple[Payload, ...]:
-        """Present loads on the robot."""
-        return self._payloads
-
     def apply_payload(self, payload: Payload) -> None:
         """Adds a load during the simulation; a dropped box starts above the tray, moving with the trunk."""
-        self._payloads = (*self._payloads, payload)
+        self.payloads = (*self.payloads, payload)
         if isinstance(payload, DroppedBox):
             self._rebuild()
             self._place_box(len(self._of(DroppedBox)) - 1, payload)
@@ -246,7 +241,7 @@ class Plant:
 
     def _of(self, kind: type[Kind]) -> list[Kind]:
         """The loads of one kind, in the order in which they were added."""
-        return [payload for payload in self._payloads if isinstance(payload, kind)]
+        return [payload for payload in self.payloads if isinstance(payload, kind)]
 
     def _evaluate(self) -> None:
         data = self._data

@@ -222,11 +222,10 @@ def load_table(outcome: LoadedWalkOutcome) -> TableData:
     """Mass and centre of mass of the estimated payload, and the truth."""
     head = ("trunk frame", "mass [kg]", "com x [m]", "com y [m]", "com z [m]")
     payload, load = outcome.payload, true_load(outcome)
-    rows: list[Row] = [("truth", number(load.mass), *(number(round(c, 5)) for c in load.com.tolist()))]
-    if payload is not None:
-        mass = with_std(payload.mass, payload.mass_std)
-        rows.insert(0, ("as weighed", mass, *place(payload.com, payload.com_std)))
-    return TableData.of("The box", head, rows)
+    assert payload is not None
+    weighed = ("as weighed", with_std(payload.mass, payload.mass_std), *place(payload.com, payload.com_std))
+    truth = ("truth", number(load.mass), *(number(round(c, 5)) for c in load.com.tolist()))
+    return TableData.of("The box", head, [weighed, truth])
 
 
 def log_table(outcome: LoadedWalkOutcome) -> TableData:

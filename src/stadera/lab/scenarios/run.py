@@ -116,15 +116,10 @@ def simulate(
     arm = as_loaded(made.real, robot).inertias[robot.trunk] - made.real.inertias[robot.trunk]
     falls = Falls(plant)
     moments = _played(bed, script, duration, arm, falls, progress)
-    truth = Truth(
-        robot=robot.name,
-        scenario=name,
-        errors=settings.errors,
-        seed=settings.seed,
+    truth = replace(
+        _truth(robot, name, settings, moments, draw),
         slope=made.terrain.slope,
         stiffness=tuple(float(k) for k in bed.trunk_controller.gains.angular_stiffness),
-        moments=moments,
-        drawn=draw.to_dict() if draw else None,
         fell=None if falls.fall is None else (falls.fall.time, falls.fall.how),
     )
     states, source = sensors.states, f"simulated {robot.name}, {name}"
@@ -135,6 +130,12 @@ def simulate(
         log = measured_log(TrueMotion.of(states, whole), whole, draw, settings.seed, rate, source)
         states = states[:: round(1.0 / (rate * PERIOD))]
     return Run(log, truth, truth_of(states, whole), as_loaded(made.model, robot))
+
+
+def _truth(
+    robot: Robot, name: str, settings: SimulateSettings, moments: tuple[TruthAt, ...], draw: DrawnRobot | None
+) -> Truth:
+    return Truth(robot.name, name, settings.errors, settings.seed, moments, drawn=draw.to_dict() if draw else None)
 
 
 def _now(plant: Plant, arm: InertialParameters, bare: InertialParameters) -> TruthAt:
@@ -241,14 +242,7 @@ def swing(
     swings = _swings(robot, real, leg, settings, progress or (lambda *_: None), draw.friction if draw else None)
     every = round(1.0 / (settings.rate or draw.rate) / PERIOD) if draw else settings.every
     exact, trunk = _merged(swings, every), real.inertias[real.trunk]
-    truth = Truth(
-        robot=robot.name,
-        scenario=SWING,
-        errors=settings.errors,
-        seed=settings.seed,
-        moments=(TruthAt.of(0.0, trunk, trunk),),
-        drawn=draw.to_dict() if draw else None,
-    )
+    truth = _truth(robot, SWING, settings, (TruthAt.of(0.0, trunk, trunk),), draw)
     if draw is None:
         return Run(measured(exact, robot, settings.sensor_errors, settings.seed), truth, exact, robot)
     motion, source = TrueMotion.held(_merged(swings), real), f"simulated {robot.name}, {SWING}"
