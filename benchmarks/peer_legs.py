@@ -185,11 +185,11 @@ def with_mujoco(problem: Problem) -> Fitted:
     """mujoco.sysid: rollouts from measured states under measured torques; pseudo-inertias and joint terms."""
     from mujoco import sysid
 
-    from stadera.lab.plant.model import PlantOptions, build_spec
+    from stadera.lab.plant.model import build_spec
 
     train, tree = problem.signals(), problem.robot.leg_tree(problem.leg)
     step = float(np.median(np.diff(train.time)))
-    spec = build_spec(problem.robot, tree, PlantOptions(timestep=step))
+    spec = build_spec(problem.robot, tree, timestep=step)
     for link in tree.links[1:]:
         _write_inertia(spec.body(link), problem.robot.inertias[link])
     for joint in tree.joints:

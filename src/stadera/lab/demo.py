@@ -76,7 +76,7 @@ class Camera:
             "time": state.time,
             "trunk": [*p, *state.orientation],
             "joints": state.joint_position,
-            "box": plant.box_poses[0] if plant.box_poses else np.full(7, np.nan),
+            "box": plant.box_pose,
             "feet": state.foot_position,
             "force": state.foot_force,
             "down": walk.monitor.carrying(),

@@ -30,7 +30,7 @@ from stadera.errors import ModelError, RecordingError, StaderaError, require_pos
 from stadera.identify.job import carried_shares, vertical_of
 from stadera.identify.log import chunks
 from stadera.identify.schema import with_identified_legs
-from stadera.lab.plant.model import PlantOptions, build_model, joint_offsets
+from stadera.lab.plant.model import build_model, joint_offsets
 from stadera.logs.filters import highest_cutoff
 from stadera.logs.processing import Preprocessing, Processed, preprocess
 from stadera.logs.reader import Log, as_log, read_head
@@ -216,7 +216,7 @@ class _Simulated:
     ) -> None:
         robot, tree = drive.robot, drive.robot.tree.restricted(joints)
         self.order = [joints.index(joint) for joint in tree.joints]
-        self.model = build_model(robot, tree, PlantOptions(timestep=timestep))
+        self.model = build_model(robot, tree, timestep=timestep)
         self.model.opt.gravity[:] = -np.linalg.norm(self.model.opt.gravity) * up / np.linalg.norm(up)
         self.model.opt.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
         self.data = mujoco.MjData(self.model)

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from stadera.lab.control.distribution import ContactLimits, ForceDistribution
+from stadera.lab.control.distribution import ForceDistribution
 from stadera.lab.plant.terrain import Terrain
 
 LEVERS = np.array([[0.37, 0.2, -0.6], [0.36, -0.22, -0.62], [-0.38, 0.21, -0.59], [-0.37, -0.2, -0.6]])
@@ -16,7 +16,7 @@ FRICTION, LEAST, WEIGHT, LENGTH = 0.6, 17.0, 850.0, 0.42
 
 
 def distribution(smooth: float = 1e-4) -> ForceDistribution:
-    return ForceDistribution(ContactLimits(FRICTION, LEAST), LENGTH, small=1e-5, smooth=smooth)
+    return ForceDistribution(LEAST, LENGTH, small=1e-5, smooth=smooth)
 
 
 def wrench(forces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

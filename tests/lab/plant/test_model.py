@@ -12,7 +12,7 @@ import pytest
 from lab.plant.reference import inverse_dynamics, pinocchio_model
 from stadera.errors import MissingExtraError, ModelError
 from stadera.inertia import InertialParameters
-from stadera.lab.plant.model import PlantOptions, build_model, mass_matrix, workspace
+from stadera.lab.plant.model import build_model, mass_matrix, workspace
 from stadera.robot import JointDynamics, Robot, load_robot
 
 TOLERANCE = 1e-9
@@ -30,7 +30,7 @@ def robot(request: pytest.FixtureRequest) -> Robot:
 
 
 def test_floating_robot_has_pinocchios_mass_matrix_and_bias(robot: Robot) -> None:
-    model = build_model(robot, options=PlantOptions(floating=True))
+    model = build_model(robot, floating=True)
     data = mujoco.MjData(model)
     reference = pinocchio_model(robot, robot.tree, floating=True)
     reference_data = reference.createData()

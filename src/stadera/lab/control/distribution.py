@@ -34,23 +34,16 @@ from stadera.types import Array
 _ROWS = 6  # constraints for each foot: upper and lower limit, four sides of the pyramid
 
 
-@dataclass(frozen=True)
-class ContactLimits:
-    """Limits of the contact forces."""
-
-    friction: float = 0.6  # coefficient assumed by the controller
-    least_normal: float = 0.0  # [N], of every foot in stance
-
-
 class ForceDistribution:
-    """The quadratic programme of feet, or of points on them, with length L [m], `small` ε and `smooth` β. `forces`
-    (feet, 3) [N] is the latest solution, an older one if the solver failed.
+    """The quadratic programme of feet, or of points on them, with the least normal force [N] of every foot in stance,
+    length L [m], `small` ε and `smooth` β. `forces` (feet, 3) [N] is the latest solution, an older one if the solver
+    failed.
     """
 
-    def __init__(
-        self, limits: ContactLimits, length: float, small: float = 1e-5, smooth: float = 1e-4, feet: int = 4
-    ) -> None:
-        self.limits, self.length, self._feet = limits, length, feet
+    friction = 0.6  # coefficient assumed by the controller
+
+    def __init__(self, least: float, length: float, small: float = 1e-5, smooth: float = 1e-4, feet: int = 4) -> None:
+        self.least, self.length, self._feet = least, length, feet
         self._keeping, self._six = smooth / (small + smooth), (small + smooth) * np.eye(6)
         self.forces = np.zeros((feet, 3))
         self._skew = -skews(np.eye(3)).reshape(3, 9) / length  # negative, as the rows of [r]x are used as columns
@@ -65,7 +58,7 @@ class ForceDistribution:
 
     def set_ground(self, normal: Array) -> None:
         """Sets the ground's unit normal (3,)."""
-        slope = self.limits.friction / np.sqrt(2.0)
+        slope = self.friction / np.sqrt(2.0)
         helper = np.eye(3)[int(np.argmin(np.abs(normal)))]
         first = np.cross(normal, helper)
         first /= np.linalg.norm(first)
@@ -82,7 +75,7 @@ class ForceDistribution:
             self._wrench[:3] = np.tile(np.eye(3), self._feet) * carrying
             self._before = self._before * carrying
         bounds = self._bounds.reshape(-1, _ROWS)
-        bounds[:, 0], bounds[:, 1] = cap, -np.minimum(self.limits.least_normal, cap)
+        bounds[:, 0], bounds[:, 1] = cap, -np.minimum(self.least, cap)
 
     def normal_force(self) -> float:
         """Total normal force of all feet in the latest solution [N]."""

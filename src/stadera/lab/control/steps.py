@@ -233,12 +233,7 @@ class StepSequence:
 
 
 def support_phases(
-    feet: Array,
-    steps: Sequence[Step],
-    timing: StepTiming,
-    margin: float,
-    stand: float,
-    airborne: Step | None = None,
+    feet: Array, steps: Sequence[Step], timing: StepTiming, margin: float, stand: float, airborne: Step | None = None
 ) -> list[SupportPhase]:
     """The phases from now on, ending with a stand of `stand` [s] on four feet.
 

@@ -2,10 +2,10 @@
 
 A foot moves from a to b within a time T. With x = (t - t_0) / T and the smooth step s(x) = x³ (10 - 15 x + 6 x²)::
 
-    p(t) = a + s(x) (b - a) + c 64 x³ (1 - x)³ n,       c = clearance + ½ |n·(b - a)|
+    p(t) = a + s(x) (b - a) + c 64 x³ (1 - x)³ e_z,     c = clearance + ½ |e_z·(b - a)|
 
 so it is at rest without acceleration at both ends, and passes the higher end with about the clearance. After T it
-continues down against n, up to a steady speed, until it is stopped by a landing.
+continues down, up to a steady speed, until it is stopped by a landing.
 
 Torques follow from inverse dynamics for the acceleration of a critically damped spring::
 
@@ -21,7 +21,7 @@ first-order low-pass of time constant T, ⟨q̈⟩ = (q̇ - ⟨q̇⟩) / T, so f
     ⟨f⟩ = -J⁻ᵀ (⟨τ - h⟩ - M (q̇ - ⟨q̇⟩) / T)
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from math import isfinite
 
 import numpy as np
@@ -55,14 +55,13 @@ class SwingTrajectory:
     begin: float  # [s]
     duration: float  # [s], positive
     clearance: float  # [m], above the higher end; not negative
-    normal: Array = field(default_factory=_UP.copy)  # (3,) unit vector, up
     descent: float = 0.2  # [m/s], steady speed at which the foot searches for the ground after the end; 0 for none
     ease: float = 0.05  # [s], in which it reaches that speed
 
     def __post_init__(self) -> None:
         way = self.target - self.start
-        height = 64.0 * (self.clearance + 0.5 * abs(float(way.dot(self.normal))))
-        object.__setattr__(self, "_basis", np.array([way, height * self.normal]))
+        height = 64.0 * (self.clearance + 0.5 * abs(float(way[2])))
+        object.__setattr__(self, "_basis", np.array([way, height * _UP]))
 
     @property
     def end(self) -> float:
@@ -96,7 +95,7 @@ class SwingTrajectory:
         ease = late + self.ease
         depth, speed = self.descent * late**2 / ease, self.descent * (1.0 - (self.ease / ease) ** 2)
         slowing = 2.0 * self.descent * self.ease**2 / ease**3
-        rows = np.array([[-depth], [-speed], [-slowing]]) * self.normal
+        rows = np.array([[-depth], [-speed], [-slowing]]) * _UP
         rows[0] += self.target
         return np.asarray(rows)
 

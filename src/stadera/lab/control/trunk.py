@@ -43,7 +43,7 @@ import numpy as np
 
 from stadera.constants import GRAVITY, NOTHING
 from stadera.inertia import InertialParameters, skew
-from stadera.lab.control.distribution import ContactLimits, ForceDistribution, LoadRamp
+from stadera.lab.control.distribution import ForceDistribution, LoadRamp
 from stadera.lab.control.legs import LegDynamics, LegState, cross
 from stadera.lab.control.reference import ControlError, Follower, Move, TrunkPose
 from stadera.lab.control.swing import SwingLegs, SwingTrajectory
@@ -263,14 +263,13 @@ class TrunkController(Follower):
         self.com, self.feet, self.normal = np.zeros(3), np.zeros((4, 3)), _UP
         self.swinging = SwingLegs(self.legs)
         feet = nominal_feet(robot)
-        least = 0.02  # share of the weight on every foot in stance
-        limits = ContactLimits(least_normal=least * robot.mass * GRAVITY)
+        least = 0.02 * robot.mass * GRAVITY  # share of the weight on every foot in stance
         self._radii = np.array([[leg.foot_radius] * 3 for leg in robot.legs])
         self._effort = np.array([robot.limits[joint].effort for joint in robot.tree.joints])
         self._offset = np.array([robot.dynamics[joint].offset for joint in robot.tree.joints])
         self._tree_order = np.argsort(self.legs.columns.ravel())
         length = moment_length or 0.5 * float(np.linalg.norm(feet[0] - feet[3]))
-        self._sharing, self._most = ForceDistribution(limits, length), np.full(4, np.inf)
+        self._sharing, self._most = ForceDistribution(least, length), np.full(4, np.inf)
         self._ramps: list[LoadRamp | None] = [None] * 4  # limits of the feet's loads; None for none
         here = TrunkPose(np.zeros(3), np.eye(3))
         self._reference = Move(here, here, 0.0, 1.0)

@@ -24,7 +24,7 @@ import pinocchio as pin
 
 from stadera.constants import GRAVITY
 from stadera.lab.control.arms import Arms
-from stadera.lab.control.distribution import ContactLimits, ForceDistribution
+from stadera.lab.control.distribution import ForceDistribution
 from stadera.lab.control.legs import cross
 from stadera.lab.control.reference import ControlError, Follower, Move, TrunkPose
 from stadera.lab.control.trunk import TrunkGains
@@ -80,8 +80,8 @@ class WholeBody(Follower):
             self._soles[k] = points - np.array(leg.foot_position), radius
         self._data = self._model.createData()
         count = sum(len(points) for points, _ in self._soles)
-        limits = ContactLimits(least_normal=0.02 * robot.mass * GRAVITY / count)  # share of the weight on all points
-        self._sharing = ForceDistribution(limits, 0.5 * robot.leg_length, feet=count)
+        least = 0.02 * robot.mass * GRAVITY / count  # share of the weight on all points
+        self._sharing = ForceDistribution(least, 0.5 * robot.leg_length, feet=count)
         self._effort = np.array([robot.limits[joint].effort for joint in robot.tree.joints])
         self.stance: Bools = np.ones(len(robot.legs), dtype=bool)
         self._weights = np.full(len(robot.legs), 1.0 / len(robot.legs))  # with which feet say where the trunk is

@@ -222,10 +222,7 @@ def _conditioned(value: Array, covariance: Array, fixed: NDArray[np.intp], at: A
 
 
 def with_poses(
-    known: Information,
-    forces: NoisyForces,
-    poses: Iterable[PoseMean],
-    errors: Array | None = None,
+    known: Information, forces: NoisyForces, poses: Iterable[PoseMean], errors: Array | None = None
 ) -> Information:
     """Information on trunk and errors with the equations of some poses, linearised at errors (k,); None for zero."""
     at = np.zeros(len(constant_errors_of(forces.robot))) if errors is None else errors

@@ -14,7 +14,6 @@ from stadera.excite.sinusoids import Reference
 from stadera.inertia import InertialParameters
 from stadera.lab.plant.model import (
     DryFriction,
-    PlantOptions,
     build_model,
     joint_offsets,
     least_leg_eigenvalue,
@@ -60,12 +59,7 @@ class Gains:
 
 
 def simulate_leg(
-    robot: Robot,
-    leg: str,
-    trajectory: Reference,
-    *,
-    gains: Gains | None = None,
-    friction: DryFriction | None = None,
+    robot: Robot, leg: str, trajectory: Reference, *, gains: Gains | None = None, friction: DryFriction | None = None
 ) -> Recording:
     """Simulates one leg tracking a reference, on which it starts, the trunk held level and the other legs at rest.
 
@@ -108,7 +102,7 @@ def simulate_leg(
 
 def _tracking_model(robot: Robot, tree: Tree, gains: Gains, timestep: float) -> mujoco.MjModel:
     """The leg with motors of force `act - stiffness q - damping q̇`, where act is the integral of the control."""
-    model = build_model(robot, tree, PlantOptions(timestep=timestep, drive_state=True))
+    model = build_model(robot, tree, timestep=timestep, drive_state=True)
     model.opt.integrator = mujoco.mjtIntegrator.mjINT_RK4
     model.opt.tolerance = _TRACKING.tolerance
     model.actuator_biastype[:] = mujoco.mjtBias.mjBIAS_AFFINE

@@ -12,6 +12,7 @@ simulated as long as the whole mechanism has a positive kinetic energy.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -24,31 +25,28 @@ from stadera.robot.model import Robot, Tree
 from stadera.types import Array
 
 
-@dataclass(frozen=True)
-class PlantOptions:
-    """Options of the compiled model."""
-
-    floating: bool = False  # whether the trunk is free (a free joint) instead of held level
-    timestep: float = 1e-3  # [s]
-    # whether each motor's torque is the time integral of its control, so that a torque can be prescribed as a
-    # continuous function of time, instead of the control itself
-    drive_state: bool = False
-
-
-def build_spec(robot: Robot, tree: Tree, options: PlantOptions) -> mujoco.MjSpec:
+def build_spec(
+    robot: Robot, tree: Tree, *, floating: bool = False, timestep: float = 1e-3, drive_state: bool = False
+) -> mujoco.MjSpec:
     """Makes the bodies, joints and torque actuators of a tree of this robot; inertias are placeholders until compiled.
 
     Every link becomes a body with its name, every joint a hinge with armature, viscous damping and dry friction
     (`frictionloss`) of the robot's joint dynamics, and an actuator that applies a torque and saturates at the joint's
     effort limit. Offsets of the joint dynamics are constant generalised forces: see `joint_offsets`.
+
+    Args:
+        floating: whether the trunk is free (a free joint) instead of held level.
+        timestep: [s].
+        drive_state: whether each motor's torque is the time integral of its control, so that a torque can be prescribed
+            as a continuous function of time, instead of the control itself.
     """
     keep_quiet()
     spec = mujoco.MjSpec()
-    spec.option.timestep = options.timestep
+    spec.option.timestep = timestep
     spec.option.gravity = (0.0, 0.0, -GRAVITY)
     trunk = spec.worldbody.add_body(name=tree.links[0])
     placeholder_inertia(trunk)
-    if options.floating:
+    if floating:
         trunk.add_freejoint(name="floating_base")
     bodies = [trunk]
     for i, joint in enumerate(tree.joints):
@@ -63,11 +61,11 @@ def build_spec(robot: Robot, tree: Tree, options: PlantOptions) -> mujoco.MjSpec
             armature=dynamics.armature,
             damping=[dynamics.viscous, 0.0, 0.0],
             frictionloss=dynamics.coulomb,
-            solref_friction=(2.0 * options.timestep, 1.0),
+            solref_friction=(2.0 * timestep, 1.0),
             # with the fastest reference allowed: the narrowest zone of creep
             solimp_friction=(0.99, 0.99, 1e-3, 0.5, 2.0),
         )
-        _add_motor(spec, joint, robot.limits[joint].effort, options.drive_state)
+        _add_motor(spec, joint, robot.limits[joint].effort, drive_state)
         bodies.append(body)
     return spec
 
@@ -87,17 +85,16 @@ def compile_model(spec: mujoco.MjSpec, robot: Robot, tree: Tree) -> mujoco.MjMod
     return model
 
 
-def build_model(robot: Robot, tree: Tree | None = None, options: PlantOptions | None = None) -> mujoco.MjModel:
-    """A compiled model of the robot, or of a part of its tree such as `robot.leg_tree("RH")`."""
+def build_model(robot: Robot, tree: Tree | None = None, **options: Any) -> mujoco.MjModel:
+    """A compiled model of the robot, or of a part such as `robot.leg_tree("RH")`, with options of `build_spec`."""
     tree = tree or robot.tree
-    options = options or PlantOptions()
-    return compile_model(build_spec(robot, tree, options), robot, tree)
+    return compile_model(build_spec(robot, tree, **options), robot, tree)
 
 
 def least_leg_eigenvalue(robot: Robot, leg: str) -> float:
     """Least eigenvalue of a held leg's M(q) over its workspace; positive if the leg can be simulated."""
     tree = robot.leg_tree(leg)
-    model = _filled_model(build_spec(robot, tree, PlantOptions()), robot, tree)
+    model = _filled_model(build_spec(robot, tree), robot, tree)
     return least_mass_eigenvalue(model, workspace(robot, tree))
 
 

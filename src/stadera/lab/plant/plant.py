@@ -24,7 +24,7 @@ from stadera.inertia import InertialParameters
 from stadera.lab.plant.model import DryFriction, joint_offsets, quaternion_wxyz, set_body_inertia
 from stadera.lab.plant.payload import DroppedBox, OutsideForce, Payload, RigidMass, Tray, VirtualForce
 from stadera.lab.plant.terrain import Terrain
-from stadera.lab.plant.world import IMU, Contacts, TrueState, box_body, build_world
+from stadera.lab.plant.world import BOX, IMU, TIMESTEP, Contacts, TrueState, build_world
 from stadera.robot.model import Robot
 from stadera.types import Array
 
@@ -37,20 +37,14 @@ class SimulationError(StaderaError):
 
 
 class Plant:
-    """A simulated robot with true parameters. Deterministic; `timestep` [s] is also the control's; `friction` is in
-    place of the robot's Coulomb friction. `payloads` are the present loads on the robot.
+    """A simulated robot with true parameters. Deterministic; `friction` is in place of the robot's Coulomb friction.
+    `payloads` are the present loads on the robot, at most one of them a dropped box.
     """
 
-    def __init__(
-        self,
-        robot: Robot,
-        terrain: Terrain | None = None,
-        timestep: float = 1e-3,
-        friction: DryFriction | None = None,
-    ) -> None:
-        self.robot, self._friction = robot, friction
-        self.terrain = terrain or Terrain()
-        self.timestep = timestep
+    timestep = TIMESTEP
+
+    def __init__(self, robot: Robot, terrain: Terrain | None = None, friction: DryFriction | None = None) -> None:
+        self.robot, self.terrain, self._friction = robot, terrain or Terrain(), friction
         self.payloads: tuple[Payload, ...] = ()
         self._outside: OutsideForce | None = None
         self._outside_start: Array | None = None
@@ -92,7 +86,7 @@ class Plant:
         self.payloads = (*self.payloads, payload)
         if isinstance(payload, DroppedBox):
             self._rebuild()
-            self._place_box(len(self._of(DroppedBox)) - 1, payload)
+            self._place_box(payload)
         else:
             self._load_trunk()
         self._evaluate()
@@ -110,9 +104,9 @@ class Plant:
         total = self._loaded_links()[self.robot.trunk]
         for force in self._of(VirtualForce):
             total = total + force.parameters
-        for index, box in enumerate(self._of(DroppedBox)):
-            if self._contacts.box_on_tray(self._data, index):
-                total = total + box.parameters.transformed(*self._box_pose(index))
+        for box in self._of(DroppedBox):
+            if self._contacts.box_on_tray(self._data):
+                total = total + box.parameters.transformed(*self._box_in_trunk())
         return total
 
     # -- truth of this instant --------------------------------------------------------------------------------
@@ -154,11 +148,12 @@ class Plant:
         return self._contacts.on_ground(self._data)
 
     @property
-    def box_poses(self) -> tuple[Array, ...]:
-        """Present poses of all dropped boxes: (7,) position of the centre [m] and quaternion xyzw, in the world."""
-        data = self._data
-        bodies = [self._model.body(box_body(index)).id for index in range(len(self._of(DroppedBox)))]
-        return tuple(np.concatenate([data.xpos[body], data.xquat[body][_XYZW]]) for body in bodies)
+    def box_pose(self) -> Array:
+        """(7,) position of the dropped box's centre [m] and quaternion xyzw, in the world; NaN without one."""
+        if not self._of(DroppedBox):
+            return np.full(7, np.nan)
+        body = self._data.body(BOX)
+        return np.concatenate([body.xpos, body.xquat[_XYZW]])
 
     @property
     def state(self) -> TrueState:
@@ -194,7 +189,7 @@ class Plant:
 
     # -- inside -----------------------------------------------------------------------------------------------
     def _build(self) -> None:
-        self._model = build_world(self.robot, self.terrain, self.timestep, self._of(DroppedBox))
+        self._model = build_world(self.robot, self.terrain, self._of(DroppedBox))
         self._data = mujoco.MjData(self._model)
         n = self._joint_count
         self._q, self._v = slice(7, 7 + n), slice(6, 6 + n)  # after the trunk's free joint
@@ -210,7 +205,7 @@ class Plant:
         self._data.qfrc_applied[self._v] = -joint_offsets(self.robot, self.robot.tree)
 
     def _rebuild(self) -> None:
-        """Compiles a new world with the present boxes, and continues from the robot's state."""
+        """Compiles a new world with the box, and continues from the robot's state."""
         before = self._data
         self._build()
         after, q, v = self._data, self._q.stop, self._v.stop
@@ -269,21 +264,19 @@ class Plant:
         arm = _rotated(at - self._trunk_com, data.qpos[3:7])
         data.xfrc_applied[self._trunk] += np.concatenate([force, np.cross(arm, force)])
 
-    def _place_box(self, index: int, box: DroppedBox) -> None:
-        data = self._data
+    def _place_box(self, box: DroppedBox) -> None:
+        data, q, v = self._data, self._q.stop, self._v.stop
         quat = data.qpos[3:7]
         centre = np.array([*box.position, self._tray.top + box.height + 0.5 * box.size[2]])
-        q, v = self._q.stop + 7 * index, self._v.stop + 6 * index
         data.qpos[q : q + 3] = data.qpos[:3] + _rotated(centre, quat)
         data.qpos[q + 3 : q + 7] = quat
         data.qvel[v : v + 3] = data.qvel[:3] + _rotated(np.cross(data.qvel[3:6], centre), quat)
         data.qvel[v + 3 : v + 6] = data.qvel[3:6]
 
-    def _box_pose(self, index: int) -> tuple[Array, Array]:
-        body = self._model.body(box_body(index)).id
-        trunk = np.array(self._data.xmat[self._trunk]).reshape(3, 3)
-        rotation = trunk.T @ np.array(self._data.xmat[body]).reshape(3, 3)
-        return rotation, trunk.T @ (self._data.xpos[body] - self._data.xpos[self._trunk])
+    def _box_in_trunk(self) -> tuple[Array, Array]:
+        body, trunk = self._data.body(BOX), self._data.body(self._trunk)
+        rotation = np.array(trunk.xmat).reshape(3, 3).T
+        return rotation @ np.array(body.xmat).reshape(3, 3), rotation @ (body.xpos - trunk.xpos)
 
     def _checked(self, values: ArrayLike, what: str) -> Array:
         array = np.asarray(values, dtype=float)

@@ -12,14 +12,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from stadera.constants import ROUNDING
-from stadera.lab.plant.model import (
-    PlantOptions,
-    build_spec,
-    compile_model,
-    placeholder_inertia,
-    quaternion_wxyz,
-    set_body_inertia,
-)
+from stadera.lab.plant.model import build_spec, compile_model, placeholder_inertia, quaternion_wxyz, set_body_inertia
 from stadera.lab.plant.payload import DroppedBox, Tray
 from stadera.lab.plant.terrain import Terrain
 from stadera.robot.imu import ImuMount
@@ -28,10 +21,13 @@ from stadera.robot.shapes import FLAT
 from stadera.robot.sole import foot_radius, sole
 from stadera.types import Array, Bools
 
-GROUND, TRAY, IMU, FRAME = "ground", "tray", "imu_site", "frame"
+GROUND, TRAY, IMU, BOX, FRAME = "ground", "tray", "imu_site", "box", "frame"
 """Names in the compiled model; geoms of the ground begin with the first, those that should not touch it with the
 last.
 """
+
+TIMESTEP = 1e-3
+"""Of simulation and control [s]."""
 
 # Who touches whom: a pair collides where one's contype shares a bit with the other's conaffinity.
 _FOOT_BIT, _BOX_BIT = 1, 2
@@ -59,15 +55,9 @@ def foot_geom(leg: Leg) -> str:
     return f"foot {leg.name}"
 
 
-def box_body(index: int) -> str:
-    """Name of a dropped box's body in the compiled model."""
-    return f"box {index}"
-
-
-def build_world(robot: Robot, terrain: Terrain, timestep: float, boxes: Sequence[DroppedBox] = ()) -> mujoco.MjModel:
-    """Compiles the world; boxes follow the robot in the state, in their order."""
-    options = PlantOptions(floating=True, timestep=timestep)
-    spec = build_spec(robot, robot.tree, options)
+def build_world(robot: Robot, terrain: Terrain, boxes: Sequence[DroppedBox]) -> mujoco.MjModel:
+    """Compiles the world, perhaps with a box, which follows the robot in the state."""
+    spec = build_spec(robot, robot.tree, floating=True, timestep=TIMESTEP)
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_EULER
     spec.option.solver = mujoco.mjtSolver.mjSOL_NEWTON
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
@@ -88,37 +78,34 @@ def build_world(robot: Robot, terrain: Terrain, timestep: float, boxes: Sequence
         type=mujoco.mjtGeom.mjGEOM_BOX,
         pos=tray.centre,
         size=tray.half_size,
-        **_contact(timestep, 0.8, bits=(_BOX_BIT, _FOOT_BIT)),
+        **_contact(0.8, bits=(_BOX_BIT, _FOOT_BIT)),
     )
-    for index, box in enumerate(boxes):
-        _add_box(spec, box_body(index), box, timestep)
+    for box in boxes:
+        _add_box(spec, box)
     mount = ImuMount.of(robot)
     trunk.add_site(name=IMU, pos=mount.translation, quat=quaternion_wxyz(mount.rotation))
     for kind in (mujoco.mjtSensor.mjSENS_GYRO, mujoco.mjtSensor.mjSENS_ACCELEROMETER):
         spec.add_sensor(type=kind, objtype=mujoco.mjtObj.mjOBJ_SITE, objname=IMU, name=kind.name)
     model = compile_model(spec, robot, robot.tree)
-    for index, box in enumerate(boxes):
-        set_body_inertia(model, model.body(box_body(index)).id, box.parameters)
-    if boxes:
+    for box in boxes:
+        set_body_inertia(model, model.body(BOX).id, box.parameters)
         mujoco.mj_setConst(model, mujoco.MjData(model))
     return model
 
 
-def _contact(
-    timestep: float, friction: float, softness: float = 0.0, bits: tuple[int, int] = (0, _FOOT_BIT)
-) -> dict[str, object]:
+def _contact(friction: float, softness: float = 0.0, bits: tuple[int, int] = (0, _FOOT_BIT)) -> dict[str, object]:
     return {
         "contype": bits[0],
         "conaffinity": bits[1],
         "friction": (friction, 0.0, 0.0),
         "condim": 3,
-        "solref": (max(softness, CONTACT.timesteps * timestep), 1.0),
+        "solref": (max(softness, CONTACT.timesteps * TIMESTEP), 1.0),
         "solimp": CONTACT.impedance,
     }
 
 
 def _add_ground(spec: mujoco.MjSpec, terrain: Terrain) -> None:
-    common = _contact(spec.option.timestep, terrain.friction, terrain.softness, bits=(_FOOT_BIT, 0))
+    common = _contact(terrain.friction, terrain.softness, bits=(_FOOT_BIT, 0))
     common["quat"] = quaternion_wxyz(terrain.rotation)
     if terrain.stones is None:
         kind, size = mujoco.mjtGeom.mjGEOM_PLANE, (CONTACT.extent, CONTACT.extent, 0.1)
@@ -152,7 +139,7 @@ def _add_frame(spec: mujoco.MjSpec, robot: Robot, terrain: Terrain) -> None:
             pos=box.translation,
             quat=quaternion_wxyz(box.rotation),
             size=0.5 * np.asarray(box.size),
-            **_contact(spec.option.timestep, terrain.friction, terrain.softness),
+            **_contact(terrain.friction, terrain.softness),
         )
 
 
@@ -164,20 +151,20 @@ def _add_sphere(
         type=mujoco.mjtGeom.mjGEOM_SPHERE,
         pos=centre,
         size=(radius, 0.0, 0.0),
-        **_contact(spec.option.timestep, terrain.friction, terrain.softness),
+        **_contact(terrain.friction, terrain.softness),
     )
 
 
-def _add_box(spec: mujoco.MjSpec, name: str, box: DroppedBox, timestep: float) -> None:
-    body = spec.worldbody.add_body(name=name)
+def _add_box(spec: mujoco.MjSpec, box: DroppedBox) -> None:
+    body = spec.worldbody.add_body(name=BOX)
     placeholder_inertia(body)
-    body.add_freejoint(name=name)
+    body.add_freejoint(name=BOX)
     body.add_geom(
-        name=name,
+        name=BOX,
         type=mujoco.mjtGeom.mjGEOM_BOX,
         size=0.5 * np.asarray(box.size),
         priority=1,  # its friction is used for any contact
-        **_contact(timestep, box.friction, bits=(0, _FOOT_BIT | _BOX_BIT)),
+        **_contact(box.friction, bits=(0, _FOOT_BIT | _BOX_BIT)),
     )
 
 
@@ -237,9 +224,9 @@ class Contacts:
                 return touching[0]
         return ""
 
-    def box_on_tray(self, data: mujoco.MjData, index: int) -> bool:
-        """True if the box of that number touches the tray."""
-        pair = {self._tray, self._model.geom(box_body(index)).id}
+    def box_on_tray(self, data: mujoco.MjData) -> bool:
+        """True if the box touches the tray."""
+        pair = {self._tray, self._model.geom(BOX).id}
         return any({int(a), int(b)} == pair for a, b in data.contact.geom)
 
     def of_feet(self, data: mujoco.MjData) -> tuple[Array, Array, Bools]:

@@ -105,10 +105,7 @@ class RealSizes:
 
 
 REAL_SETS: Mapping[str, RealSizes] = MappingProxyType(
-    {
-        "real": RealSizes(),
-        "real-unit-gain": replace(RealSizes(), common_gain=0.0),
-    }
+    {"real": RealSizes(), "real-unit-gain": replace(RealSizes(), common_gain=0.0)}
 )
 """By name: realistic errors, and the same with a mean gain of all torques of one, which weight cannot show. Gains of
 `real` are not normalised: their mean is the common gain times the mean of the joints' own.

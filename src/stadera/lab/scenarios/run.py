@@ -37,7 +37,7 @@ from stadera.lab.plant.sensors import (
 )
 from stadera.lab.plant.terrain import Stones, Terrain
 from stadera.lab.plant.whole import as_loaded, whole_robot
-from stadera.lab.plant.world import TrueState
+from stadera.lab.plant.world import TIMESTEP, TrueState
 from stadera.lab.reality.draw import DrawnRobot, drawn, with_usual_drives
 from stadera.lab.reality.log import TrueMotion, measured_log
 from stadera.lab.scenarios.catalog import (
@@ -55,9 +55,6 @@ from stadera.logs import Recording, read, write_table
 from stadera.robot.model import Robot
 from stadera.robot.stance import standing_configuration
 from stadera.types import Progress
-
-PERIOD = 1e-3
-"""[s], of simulation and control."""
 
 _LOOKED = 10  # periods after which a robot that fell is noticed
 _AFTER = 0.1  # time of the log after a fall [s]
@@ -105,7 +102,7 @@ def simulate(
     made = _drawn(whole, scenario, settings) if settings.real_sizes else _sized(whole, scenario, settings)
     known, draw = made.controlled or made.model, made.draw
     controller, arms = controlled(scenario, as_loaded(known, robot), known, Arms(known, settings.arms))
-    plant = Plant(made.real, made.terrain, PERIOD, draw.friction if draw else None)
+    plant = Plant(made.real, made.terrain, draw.friction if draw else None)
     plant.reset(standing_configuration(whole))
     if settings.outside is not None:
         plant.pull(settings.outside)
@@ -128,7 +125,7 @@ def simulate(
     else:
         rate = settings.rate or draw.rate
         log = measured_log(TrueMotion.of(states, whole), whole, draw, settings.seed, rate, source)
-        states = states[:: round(1.0 / (rate * PERIOD))]
+        states = states[:: round(1.0 / (rate * TIMESTEP))]
     return Run(log, truth, truth_of(states, whole), as_loaded(made.model, robot))
 
 
@@ -208,9 +205,9 @@ def _played(
     """
     bare = bed.plant.truth() + arm
     moments = [TruthAt.of(0.0, bare, bare)]
-    total, waiting = round(duration / PERIOD), list(events)
+    total, waiting = round(duration / TIMESTEP), list(events)
     for k in range(total):
-        while waiting and waiting[0].time <= k * PERIOD + 1e-9:
+        while waiting and waiting[0].time <= k * TIMESTEP + 1e-9:
             loads = bed.plant.payloads
             waiting.pop(0).act(bed)
             if bed.plant.payloads != loads:
@@ -240,7 +237,7 @@ def swing(
     draw = drawn(robot, settings.real_sizes, settings.seed) if settings.real_sizes else None
     real = draw.robot if draw else plant_model(robot, settings.sensor_errors)
     swings = _swings(robot, real, leg, settings, progress or (lambda *_: None), draw.friction if draw else None)
-    every = round(1.0 / (settings.rate or draw.rate) / PERIOD) if draw else settings.every
+    every = round(1.0 / (settings.rate or draw.rate) / TIMESTEP) if draw else settings.every
     exact, trunk = _merged(swings, every), real.inertias[real.trunk]
     truth = _truth(robot, SWING, settings, (TruthAt.of(0.0, trunk, trunk),), draw)
     if draw is None:
@@ -250,12 +247,7 @@ def swing(
 
 
 def _swings(
-    robot: Robot,
-    real: Robot,
-    leg: str,
-    settings: SimulateSettings,
-    progress: Progress,
-    friction: DryFriction | None,
+    robot: Robot, real: Robot, leg: str, settings: SimulateSettings, progress: Progress, friction: DryFriction | None
 ) -> list[Recording]:
     """Exact recordings of the legs, one sample per millisecond."""
     every = [one.name for one in robot.legs]
@@ -264,7 +256,7 @@ def _swings(
     for k, name in enumerate(names):
         progress("swinging", k, len(names))
         rng = np.random.default_rng((settings.seed, every.index(name)))
-        motion = _brisk(robot, name, rng, settings.duration or DEFAULTS.swing).sample(1.0 / PERIOD)
+        motion = _brisk(robot, name, rng, settings.duration or DEFAULTS.swing).sample(1.0 / TIMESTEP)
         own = [robot.tree.joints.index(joint) for joint in robot.leg(name).joints]
         held = friction.of(own) if friction else None
         swings.append(simulate_leg(real, name, motion, gains=Gains.scaled(robot, name), friction=held))

@@ -65,10 +65,7 @@ class StandingWeighing:
         if drives is not None:
             at = list(TERMS).index("offset")
             noise = replace(forces.noise, torque_constant=drives.std[:, at])
-            self._forces, self._offsets = (
-                NoisyForces(forces.robot, noise),
-                (drives.value - drives.model)[:, at],
-            )
+            self._forces, self._offsets = NoisyForces(forces.robot, noise), (drives.value - drives.model)[:, at]
         self.stage, self.reason = Stage.MASS, ""
         self.estimate: TrunkEstimate | None = None
         self._trunk, self._begin, self._lean = trunk, begin, lean
