@@ -221,6 +221,18 @@ def test_stamps_that_jump(robot: Robot, unloaded: list[Arrival], ros: list[Sent]
     assert any("clock" in note for note in after.notes)
 
 
+@pytest.mark.parametrize("kind", ["ros", "lowstate"])
+def test_the_last_message_counts_though_it_comes_alone(
+    kind: str, robot: Robot, request: pytest.FixtureRequest
+) -> None:
+    """Nothing follows it with which it could be taken in together."""
+    messages, session = arrivals(request.getfixturevalue(kind)), LiveSession(robot)
+    session.feed(messages[:-1])
+    session.feed(messages[-1:])
+    stamp = 3.396 if kind == "ros" else 1e-9 * messages[-1].received
+    assert session.state(messages[-1].arrived).time == pytest.approx(stamp, abs=2e-3)
+
+
 def _shifted(message: Arrival, jump: float) -> Arrival:
     content = bags.TYPES.deserialize_cdr(message.data, message.kind)
     stamp = content.header.stamp.sec * bags.NS + content.header.stamp.nanosec + round(jump * bags.NS)

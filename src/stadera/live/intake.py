@@ -64,7 +64,6 @@ class Intake:
         self._merging: Merging | None = None
         self._layout: Layout | None = None
         self._fault = ""
-        self._held: Array | None = None
         self._progress = 0.0  # arrival of the last message that completed a sample
         self._known_joints = 0.0  # arrival of the last message of a known publisher
         self._last, self._period = np.nan, np.nan
@@ -92,12 +91,12 @@ class Intake:
                 self._anew()
 
     def completed(self) -> Recording | None:
-        """Samples completed since the last call; None if there are fewer than two."""
+        """Samples completed since the last call; None if there are none."""
         if self._merging is None or self._layout is None:
             return None
         try:
             rows = self._rows(self._merging)
-            found = list(recordings(iter([rows]), self._layout, _SOURCE, None)) if rows is not None else []
+            found = list(recordings([rows], self._layout, _SOURCE, None, fewest=1)) if rows is not None else []
         except RecordingError as error:
             self._anew(str(error))
             return None
@@ -161,7 +160,7 @@ class Intake:
             self._fault = str(error)
             return
         self.topics, self._merging, self._fault = topics, merging, ""
-        self.fresh, self._held, self._slower = True, None, 0
+        self.fresh, self._slower = True, 0
         self._period = self._last = np.nan
         self._progress = self._known_joints = head[-1][0].arrived
         for arrival, sample in head:
@@ -201,26 +200,25 @@ class Intake:
         self._merging, self._fault, self._head = None, fault, []
 
     def _rows(self, merging: Merging) -> Array | None:
-        """Complete rows, at least two; fewer are kept for the next call."""
+        """Complete rows; None if there are none."""
         before = sum(track.out_of_order for track in merging.tracks)
         batch = merging.batch()
         self.lost["left out"] += sum(track.out_of_order for track in merging.tracks) - before
-        if batch is not None:
-            complete = np.isfinite(batch).all(axis=0)
-            self.lost["left out"] += int(np.count_nonzero(~complete))
-            rows = batch[:, complete]
-            self._held = rows if self._held is None else np.concatenate([self._held, rows], axis=1)
-        if self._held is None or self._held.shape[1] < 2:
+        if batch is None:
             return None
-        rows, self._held = self._held, None
-        return rows
+        complete = np.isfinite(batch).all(axis=0)
+        self.lost["left out"] += int(np.count_nonzero(~complete))
+        return batch[:, complete] if complete.any() else None
 
     def _watch_rate(self, time: Array) -> None:
         """Counts missing samples, and restarts if the rate has changed."""
         steps = np.diff(time, prepend=self._last)
+        steps = steps[np.isfinite(steps)]  # none before the first sample
         self._last = float(time[-1])
+        if not len(steps):
+            return
         if np.isnan(self._period):
-            self._period = float(np.median(steps[1:]))
+            self._period = float(np.median(steps))
         usual = steps[steps < self._settings.silent]
         if self.topics is not None and not self.seen[self.topics.joint].numbered:
             lost = usual[usual > self._settings.lost * self._period]

@@ -54,14 +54,16 @@ def rows_at_once(columns: int) -> int:
     return max(1, min(MOST_ROWS, (1 << 22) // max(columns, 1)))
 
 
-def recordings(batches: Iterable[Array], layout: Layout, source: str, rows: int | None) -> Iterator[Recording]:
+def recordings(
+    batches: Iterable[Array], layout: Layout, source: str, rows: int | None, fewest: int = 2
+) -> Iterator[Recording]:
     """Yields recordings of `rows` samples each (the last one shorter; None: a single one) from batches of any length.
 
     A blank cell is a dropout: its row is removed, counted and noted.
 
     Raises:
-        RecordingError: a value is not finite, time is not that of a clock (`RowClock`), or there are fewer than two
-            samples. Names the source, the column and the sample, counted from 0 over the whole log.
+        RecordingError: a value is not finite, time is not that of a clock (`RowClock`), or there are fewer than
+            `fewest` samples. Names the source, the column and the sample, counted from 0 over the whole log.
     """
     clock, row, samples, blanks = RowClock(source), 0, 0, np.zeros(len(layout.columns), dtype=np.int64)
     for batch in _rebatched(in_si(batches, layout), rows):
@@ -71,11 +73,11 @@ def recordings(batches: Iterable[Array], layout: Layout, source: str, rows: int 
         if chunk is not None:
             samples += len(chunk)
             yield chunk
-    if samples < 2:
+    if samples < fewest:
         most = int(blanks.argmax())
         blank = f" without blank cells among {row}" if row > samples else ""
         where = f"; {layout.columns[most]!r} is blank in {blanks[most]}" if blanks[most] else ""
-        raise RecordingError(f"{source}: too few samples: {samples}{blank}, at least 2 are needed{where}")
+        raise RecordingError(f"{source}: too few samples: {samples}{blank}, at least {fewest} are needed{where}")
 
 
 def within(batches: Iterable[Array], budget: Budget, rows: int | None) -> Iterator[Array]:
