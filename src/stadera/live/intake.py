@@ -204,6 +204,9 @@ class Intake:
         before = sum(track.out_of_order for track in merging.tracks)
         batch = merging.batch()
         self.lost["left out"] += sum(track.out_of_order for track in merging.tracks) - before
+        for track in merging.tracks:
+            if track.clock.silent:
+                self.notes[f"the stamps of {track.name} repeat or run back: times of arrival are used"] = None
         if batch is None:
             return None
         complete = np.isfinite(batch).all(axis=0)

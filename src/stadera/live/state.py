@@ -40,9 +40,10 @@ class LiveSettings:
     # length of the stretch at the beginning in which units, signs and order of legs are checked [s]: a few steps, or
     # periods of a sway
     guarded: float = 2.0
-    # for decoding and merging. Streams wait for each other at most half a second, any number of stamps that repeat or
-    # run back is skipped, and delays of two topics may differ by those of a network.
-    bags: BagSettings = field(default_factory=lambda: BagSettings(patience=0.5, out_of_order=1.0, drift=0.05))
+    # for decoding and merging. Streams wait for each other at most half a second; stamps that repeat or run back are
+    # skipped, of messages that come twice every other one, but if most do they are no clock's; and delays of two topics
+    # may differ by those of a network.
+    bags: BagSettings = field(default_factory=lambda: BagSettings(patience=0.5, out_of_order=0.5, drift=0.05))
     trunk: TrunkSettings = field(default_factory=TrunkSettings)  # settings of the estimator
 
     def __post_init__(self) -> None:

@@ -92,7 +92,7 @@ def chosen(head: Sequence[Arrival], asked: Topics, joints: Sequence[str], settin
     def first(topics: Sequence[str]) -> Iterator[Message]:
         return (Message(one.topic, one.received, one.data) for one in head if one.topic in topics)
 
-    offer = Offer("live", "cdr", {arrival.topic: Topic(arrival.kind) for arrival in head}, first)
+    offer = Offer("live", "cdr", {arrival.topic: Topic(arrival.kind) for arrival in head}, first, whole=False)
     return choose(offer, asked, joints, settings.bags)
 
 

@@ -17,13 +17,14 @@ _SLOW_TWIN = "lf"
 @dataclass(frozen=True)
 class Offer:
     """What a log offers: its name for messages, the encoding of its messages, its topics, and a function that yields
-    the first messages of some of them.
+    the first messages of some of them. A stream is not `whole`: the few messages of each attempt tell no rate.
     """
 
     source: str
     encoding: str
     topics: Mapping[str, Topic]
     first: Callable[[Sequence[str]], Iterable[Message]]
+    whole: bool = True
 
 
 @dataclass(frozen=True)
@@ -126,7 +127,7 @@ def _check_asked(offer: Offer, fitting: Sequence[str], asked: str, option: str, 
 def _measured(
     offer: Offer, names: Sequence[str], joints: Sequence[str] | None, settings: BagSettings
 ) -> dict[str, tuple[str, set[str]]]:
-    """By topic, its description, with its rate, and the joints in it, measured at the beginning of the log."""
+    """By topic, its description, with the rate of a whole log, and the joints in it, measured at the beginning."""
     first: dict[str, list[Message]] = {name: [] for name in names}
     for message in islice(offer.first(names), settings.most_ahead):
         if len(first[message.topic]) < settings.head:
@@ -135,13 +136,15 @@ def _measured(
             break
     found = {}
     for name, messages in first.items():
-        topic, rate = offer.topics[name], "fewer than two messages"
-        if len(messages) > 1 and (span := messages[-1].received - messages[0].received):
-            rate = f"{1e9 * (len(messages) - 1) / span:.4g} Hz"
+        topic, rate = offer.topics[name], ", fewer than two messages"
+        if not offer.whole:
+            rate = ""
+        elif len(messages) > 1 and (span := messages[-1].received - messages[0].received):
+            rate = f", {1e9 * (len(messages) - 1) / span:.4g} Hz"
         known: set[str] = set()
         decode = decoder(topic, offer.encoding, joints, settings)
         for message in messages[:8] if topic.kind != IMU else ():
             with suppress(Exception):  # the libraries raise many kinds of errors on damaged bytes
                 known.update(joints_in(decode([message])[0].columns))
-        found[name] = f"{name} ({topic.kind}, {rate}{f', {len(known)} joints' if known else ''})", known
+        found[name] = f"{name} ({topic.kind}{rate}{f', {len(known)} joints' if known else ''})", known
     return found
