@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from pathlib import Path
 
 import mujoco
@@ -64,6 +65,19 @@ def test_mujoco_sees_a_body_of_its_own(tmp_path: Path) -> None:
     assert model.body(int(body.parentid[0])).name == robot.trunk
     assert body.mass[0] == pytest.approx(BOX.mass)
     assert sorted(body.inertia) == pytest.approx(np.linalg.eigvalsh(BOX.inertia_com), abs=1e-12)
+
+
+@pytest.mark.parametrize("name", ["anymal_c", "aliengo"])
+def test_lines_of_the_file_stay_and_the_payload_has_its_own(name: str, tmp_path: Path) -> None:
+    robot = robot_named(name)
+    light = robot.with_inertias({robot.trunk: robot.inertias[robot.trunk] + POINT})  # whose file has it on other links
+    path = tmp_path / f"loaded{Path(str(robot.source)).suffix}"
+    export_model(light, path, PayloadLink(BOX))
+    before, after = (file.read_text().splitlines() for file in (Path(str(robot.source)), path))
+    own = ("inertia", "<origin", "<mass", "<compiler")
+    gone = (line for line in (Counter(before) - Counter(after)) if line.strip())
+    assert [line for line in gone if not any(word in line for word in own)] == []
+    assert any(line.strip().startswith(('<body name="payload"', '<link name="payload"')) for line in after)
 
 
 def test_a_name_that_is_taken(tmp_path: Path) -> None:

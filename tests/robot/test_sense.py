@@ -97,10 +97,25 @@ def test_what_xacro_cannot_expand_is_one_line_that_says_how(tmp_path: Path) -> N
         assert "expand it where its packages are: xacro toy.xacro > toy.urdf" in str(caught.value)
 
 
-def test_without_xacro_its_extra_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    ("name", "out"), [("toy.xacro", "toy.urdf"), ("toy.urdf.xacro", "toy.urdf"), ("toy.urdf", "toy_expanded.urdf")]
+)
+def test_without_xacro_its_extra_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, out: str) -> None:
     monkeypatch.setitem(sys.modules, "xacro", None)
-    with pytest.raises(MissingExtraError, match=r"xacro toy\.xacro > toy\.urdf.*stadera\[xacro\]"):
-        load_robot(write(tmp_path, macro(), "toy.xacro"))
+    with pytest.raises(MissingExtraError) as caught:
+        load_robot(write(tmp_path, macro(), name))
+    assert f"xacro {name} > {out};" in str(caught.value)
+    assert "stadera[xacro]" in str(caught.value)
+
+
+def test_an_expanded_file_needs_no_xacro_and_keeps_its_lines(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "xacro", None)
+    begin = '<robot name="toy" xmlns:xacro="http://www.ros.org/wiki/xacro">\n  <!-- <xacro:arg name="a"/> ${a} -->'
+    path = write(tmp_path, quadruped().replace('<robot name="toy">', begin), "toy.urdf")
+    robot = load_robot(path)
+    assert robot.mass == 32.0
+    export_model(robot, tmp_path / "out.urdf")
+    assert begin in (tmp_path / "out.urdf").read_text()
 
 
 def test_a_joint_between_links_far_apart_that_is_no_legs_is_no_matter(tmp_path: Path) -> None:

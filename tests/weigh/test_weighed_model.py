@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from arm import with_arm
 from stadera.errors import IdentificationError
 from stadera.inertia import InertialParameters
 from stadera.robot import Robot, load_robot
@@ -136,3 +138,20 @@ def test_trunk_and_payload_together_are_the_trunk_that_was_weighed(seen: bool) -
     assert both.vector[:4] == pytest.approx(whole.vector[:4])
     if seen:
         assert both.vector == pytest.approx(whole.vector)
+
+
+@pytest.mark.parametrize(("share", "seen"), [(1.5, True), (-1.0, False)])
+def test_links_outside_the_legs_leave_the_trunks_own_an_inertia_that_a_body_has(
+    share: float, seen: bool, tmp_path: Path
+) -> None:
+    robot = with_arm("go2", tmp_path)
+    assert robot.extra is not None
+    arm, lump = robot.extra.lumped, robot.inertias[robot.trunk]
+    own = lump - arm
+    whole = InertialParameters.from_com(lump.mass, lump.com, lump.inertia_com + (share - 1.0) * own.inertia_com)
+    trunk = TrunkParameters(whole, np.diag([0.2, 0.002, 0.002, 0.01]) ** 2, np.full(6, 0.1), np.ones(10, dtype=bool))
+    model = weighed_model(weighing(robot, trunk))
+    found = model.robot.inertias[robot.trunk]
+    assert found.vector[:4] == pytest.approx(whole.vector[:4])
+    assert (found - arm).inertia_com == pytest.approx((share if seen else 1.0) * own.inertia_com, abs=1e-9)
+    assert ("model's own: inertia about the centre of mass" in model.note) == (not seen)

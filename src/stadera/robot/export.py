@@ -10,6 +10,7 @@ import xml.etree.ElementTree as ET
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -214,11 +215,10 @@ def _add_mjcf_payload(root: ET.Element, source: Path, trunk: str, payload: Paylo
 
 
 def _add_nodes(parent: ET.Element, payload: PayloadLink, *nodes: ET.Element) -> None:
-    """Appends the elements of the payload after a comment, each on its own line."""
-    parent.append(ET.Comment(plain(f" {payload.name}: the load that was weighed. {payload.note} ")))
-    parent.extend(nodes)
-    for node in parent[-1 - len(nodes) :]:
-        node.tail = "\n  "
+    """Appends the elements of the payload after a comment, each on its own line where the others are."""
+    _append(parent, ET.Comment(plain(f" {payload.name}: the load that was weighed. {payload.note} ")))
+    for node in nodes:
+        _append(parent, node)
 
 
 def _urdf_inertial(mass: float, com: Array, tensor: Array) -> ET.Element:
@@ -313,9 +313,11 @@ def _check_free(root: ET.Element, tag: str, name: str) -> None:
 
 
 def _put_child(parent: ET.Element, child: ET.Element) -> None:
-    """Replaces the first child of the same tag, or inserts the child first; further children of its tag are removed."""
+    """Replaces the first child of the same tag, or inserts the child first, on its own line where the others are;
+    further children of its tag are removed.
+    """
     present = parent.findall(child.tag)
-    child.tail = present[0].tail if present else None
+    child.tail = present[0].tail if present else parent.text
     if present and len(child) and len(present[0]):  # on lines as those that are replaced
         child.text = present[0].text
         for one in child:
@@ -337,7 +339,7 @@ def _remove(parent: ET.Element, child: ET.Element) -> None:
     parent.remove(child)
 
 
-def _append(parent: ET.Element, child: ET.Element) -> None:
+def _append(parent: ET.Element, child: "ET.Element[Any]") -> None:
     """Adds a last child, on its own line where the others are."""
     if len(parent):
         child.tail, parent[-1].tail = parent[-1].tail, parent.text

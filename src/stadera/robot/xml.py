@@ -52,6 +52,8 @@ class Document:
         return kept
 
 
+_COMMENT = re.compile(rb"<!--.*?-->", re.DOTALL)
+_TO_EXPAND = re.compile(rb"<xacro:|\$[({]")
 _TAG = re.compile(rb"""<(?:[^<>"']|"[^"]*"|'[^']*')*>""")
 
 
@@ -132,19 +134,24 @@ def read_xml(path: Path, limits: Limits = DEFAULTS) -> Document:
 
 
 def is_xacro(path: Path) -> bool:
-    """True if a file must be expanded: by its name, or by the namespace of its root element."""
+    """True if a file must be expanded: by its name, or by the namespace of its root element and something to expand,
+    since an expanded file keeps the namespace.
+    """
     if path.name.lower().endswith(".xacro"):
         return True
     with path.open("rb") as file:
-        head = file.read(4096).decode(errors="replace")
-    return any(name in head for name in ("xmlns:xacro=", "ros.org/wiki/xacro", "ros.org/xacro"))
+        head = file.read(4096)
+        named = any(name in head for name in (b"xmlns:xacro=", b"ros.org/wiki/xacro", b"ros.org/xacro"))
+        return named and _TO_EXPAND.search(_COMMENT.sub(b"", head + file.read())) is not None
 
 
 def expanded(path: Path) -> str:
     """The text of a xacro, expanded. MissingExtraError if the package is not installed, ModelError if it cannot be
     expanded, such as for an argument without a default or a missing package.
     """
-    by_hand = f"expand it where its packages are: xacro {path.name} > {path.name.split('.')[0]}.urdf"
+    stem = path.name.split(".")[0]
+    out = f"{stem}.urdf" if path.suffix != ".urdf" else f"{stem}_expanded.urdf"  # not onto itself
+    by_hand = f"expand it where its packages are: xacro {path.name} > {out}"
     write = Element.writexml  # xacro replaces this for the whole process by a version that drops white space
     try:
         import xacro

@@ -1,7 +1,8 @@
 """Writes a weighing into a robot model: the weighed trunk and, with a tare, the payload as a separate link.
 
-With a tare the payload is subtracted from the trunk, so the total is the same. Quantities that were not observed keep
-the model's values, and a note in the file lists them.
+With a tare the payload is subtracted from the trunk, so the total is the same. Links outside the legs keep their
+values; what was found for the trunk with them is in the trunk's own link. Quantities that were not observed keep the
+model's values, and a note in the file lists them.
 """
 
 from collections.abc import Iterable
@@ -43,11 +44,15 @@ def weighed_model(result: Weighing) -> WeighedModel:
     link = None if payload is None else payload_link(payload, trunk.inertial.com)
     if not np.isfinite(result.mass_std):
         raise IdentificationError(f"{result.source}: no trunk to write: its mass was not observed")
-    note = _trunk_note(robot.trunk, [result.mass_std, *result.com_std], bool(trunk.observed[4:].all()))
-    body = trunk.inertial
+    body, seen = trunk.inertial, bool(trunk.observed[4:].all())
+    if link is not None or robot.extra is not None:
+        arms = InertialParameters.zero() if robot.extra is None else robot.extra.lumped  # whose links keep their values
+        load = InertialParameters.zero() if link is None else link.body
+        seen &= payload is None or payload.inertia is not None
+        own, seen = _without(body - arms, load, robot.inertias[robot.trunk] - arms, seen)
+        body = own + arms
+    note = _trunk_note(robot.trunk, [result.mass_std, *result.com_std], seen)
     if link is not None:
-        seen = payload is not None and payload.inertia is not None and bool(trunk.observed[4:].all())
-        body = _without(body, link.body, robot.inertias[robot.trunk], seen)
         note = note.replace("with all that was on it", "less the payload; error bars of both together", 1)
     return WeighedModel(robot.with_inertias({robot.trunk: body}), link, note + mark)
 
@@ -78,16 +83,17 @@ def payload_link(payload: Payload, trunk_com: Array, cube: float = 0.1) -> Paylo
 
 def _without(
     whole: InertialParameters, payload: InertialParameters, prior: InertialParameters, observed: bool
-) -> InertialParameters:
-    """The trunk without the payload. Its inertia about its centre of mass is the prior's if either inertia was not
-    observed or the difference is physically impossible.
+) -> tuple[InertialParameters, bool]:
+    """The trunk's own link without the payload, and True if its inertia about its centre of mass is as observed. It is
+    the prior's if either inertia was not observed or the difference is physically impossible.
     """
     rest = whole - payload
     if not rest.mass > 0.0:
-        raise IdentificationError(f"no trunk to write: the payload, {payload.mass:.3g} kg, is heavier than all of it")
+        without = f"the payload, {payload.mass:.3g} kg, and the links outside the legs are"
+        raise IdentificationError(f"no trunk to write: {without} heavier than all of it")
     if observed and rest.is_physical():
-        return rest
-    return InertialParameters.from_com(rest.mass, rest.com, prior.inertia_com)
+        return rest, True
+    return InertialParameters.from_com(rest.mass, rest.com, prior.inertia_com), False
 
 
 def _trunk_note(trunk: str, std: Iterable[float], inertia_seen: bool) -> str:
