@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 import pinocchio as pin
 import pytest
-from robot_files import CORNERS, mjcf, mjcf_leg, quadruped, urdf, urdf_joint, urdf_leg, urdf_link, write
+from robot_files import CORNERS, mjcf, mjcf_leg, quadruped, urdf, urdf_joint, urdf_leg, urdf_link, wheeled, write
 
 from stadera.errors import MissingExtraError, ModelError, StaderaError
 from stadera.inertia import InertialParameters
@@ -120,6 +120,16 @@ def test_mesh_paths_stay(tmp_path: Path) -> None:
     before, after = ([mesh.get("filename") for mesh in root.iter("mesh")] for root in roots)
     assert before == after
     assert len(before) > 10
+
+
+def test_a_robot_on_wheels_is_written_where_their_meshes_are_not(tmp_path: Path) -> None:
+    mesh = '<collision><geometry><mesh filename="package://toy/wheel.obj"/></geometry></collision>'
+    (tmp_path / "toy").mkdir()
+    (tmp_path / "elsewhere").mkdir()
+    write(tmp_path / "toy", "v 0.1 0 0\nv -0.1 0 0\nv 0 0.02 0.1\nv 0 0 -0.1\nf 1 2 3\nf 1 2 4\n", "wheel.obj")
+    robot = load_robot(write(tmp_path / "toy", wheeled(mesh)))
+    export_model(robot.with_dynamics({"LF_d": JointDynamics(viscous=0.3)}), tmp_path / "elsewhere" / "out.urdf")
+    assert 'damping="0.3"' in (tmp_path / "elsewhere" / "out.urdf").read_text()
 
 
 def test_a_urdf_tells_armature_and_offset_in_a_comment(tmp_path: Path) -> None:

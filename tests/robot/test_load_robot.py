@@ -154,6 +154,38 @@ def test_wheels_touch_below_their_axles(tmp_path: Path) -> None:
     assert "leg LF: it ends in the wheel 'LF_roll', and neither a cylinder nor a mesh tells its radius" in told
 
 
+def test_a_wheel_is_as_large_as_its_mesh_and_a_file_that_is_missing_is_named(tmp_path: Path) -> None:
+    turns = np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False)
+    rims = [(0.07 * np.cos(a), y, 0.07 * np.sin(a)) for y in (0.0, 0.04) for a in turns]
+    points = "".join(f"v {x} {y} {z}\n" for x, y, z in rims)
+    faces = "".join(f"f {k + 1} {(k + 1) % 24 + 1} {k + 25}\n" for k in range(24))
+    mesh = '<collision><geometry><mesh filename="package://toy/wheel.obj"/></geometry></collision>'
+    (tmp_path / "toy").mkdir()
+    path = write(tmp_path / "toy", wheeled(mesh))
+    told = _refused(path)
+    assert "neither a cylinder nor a mesh tells its radius: its collision meshes cannot be read: Mesh package" in told
+    write(tmp_path / "toy", points + faces, "wheel.obj")
+    of_file = load_robot(path)
+    vertices = " ".join(f"{x} {y} {z}" for x, y, z in rims)
+    legs = "".join(
+        f"""<body name="{name}_hip" pos="{x} {y} 0"><joint axis="1 0 0" range="-1 1"/><geom size="0.05"/>
+        <body name="{name}_thigh"><joint axis="0 1 0" range="-2 2"/><geom size="0.05"/>
+        <body name="{name}_shank" pos="0 0 -0.3"><joint axis="0 1 0" range="-2 2"/><geom size="0.05"/>
+        <body name="{name}_wheel" pos="0 0 -0.3"><joint name="{name}_d" pos="0 0.01 0" axis="0 1 0"/>
+        <inertial pos="0 0 0" mass="0.5" diaginertia="0.01 0.01 0.01"/>
+        <geom type="mesh" mesh="shown" contype="0" conaffinity="0"/><geom type="mesh" mesh="rim"/></body></body></body>
+        </body>"""
+        for name, (x, y) in CORNERS.items()
+    )
+    text = f"""<mujoco><compiler autolimits="true"/><asset><mesh name="rim" vertex="{vertices}"/>
+      <mesh name="shown" file="not_there.stl"/></asset><worldbody><body name="base"><freejoint/>
+      <geom type="box" size="0.3 0.15 0.1"/>{legs}</body></worldbody></mujoco>"""
+    of_mjcf = load_robot(write(tmp_path, text, "toy.xml"))
+    for robot, middle in ((of_file, 0.02), (of_mjcf, 0.01)):
+        assert robot.legs[0].foot_radius == pytest.approx(0.07)
+        assert robot.legs[0].foot_position == pytest.approx((0.0, middle, 0.0), abs=1e-6)
+
+
 def test_legs_of_two_joints_are_legs_if_all_are(tmp_path: Path) -> None:
     """Hips that do not abduct: the force across the leg's plane is what no joint tells."""
     hips = re.compile(r'(<joint name="\w+_a" type=)"revolute"')

@@ -8,7 +8,7 @@ stay as they are.
 
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +20,7 @@ from stadera.errors import ModelError
 from stadera.files import written_together
 from stadera.inertia import InertialParameters
 from stadera.limits import UNLIMITED
-from stadera.robot.load import load_robot, parse_xml, read_model_file
+from stadera.robot.load import parse_xml, read_model_file, robot_of
 from stadera.robot.model import JointDynamics, Robot
 from stadera.robot.modelfile import ModelFile
 from stadera.robot.xml import plain, read_xml
@@ -72,7 +72,8 @@ def export_model(robot: Robot, path: str | Path, payload: PayloadLink | None = N
     """
     target = Path(path)
     source, is_urdf = check_export(robot, target)
-    prior, file, document = _loaded_as(robot, source), read_model_file(source, UNLIMITED), parse_xml(source, UNLIMITED)
+    file, document = read_model_file(source, UNLIMITED), parse_xml(source, UNLIMITED)
+    prior = _loaded_as(robot, file)
     inertias = _changed_inertias(robot, prior, file)
     dynamics = {joint: d for joint, d in robot.dynamics.items() if d != prior.dynamics[joint]}
     origins = {link: prior.frames[link].translation for link in prior.tree.links}
@@ -91,7 +92,7 @@ def export_model(robot: Robot, path: str | Path, payload: PayloadLink | None = N
     with written_together([target]) as (draft,):
         with draft.open("w", encoding="utf-8") as stream:
             document.write(stream)
-        _check_reads_back(robot, draft, target)
+        _check_reads_back(robot, draft, target, source)
 
 
 def check_export(robot: Robot, path: str | Path) -> tuple[Path, bool]:
@@ -139,17 +140,18 @@ def _fixed_bodies(prior: Robot, file: ModelFile) -> dict[str, list[str]]:
     return fixed
 
 
-def _loaded_as(robot: Robot, path: Path) -> Robot:
+def _loaded_as(robot: Robot, file: ModelFile) -> Robot:
     """A file's robot with the feet and the trunk of this one, and the joints outside its legs where this one's are."""
-    other, extra = load_robot(path, UNLIMITED, robot.feet, robot.root), robot.extra
+    other, extra = robot_of(file, robot.feet, robot.root), robot.extra
     return other if extra is None else other.posed(dict(zip(extra.joints, extra.reference, strict=True)))
 
 
-def _check_reads_back(robot: Robot, written: Path, target: Path) -> None:
+def _check_reads_back(robot: Robot, written: Path, target: Path, source: Path) -> None:
     try:
-        back = _loaded_as(robot, written)
+        file = read_model_file(written, UNLIMITED)
+        back = _loaded_as(robot, replace(file, path=source))  # where its meshes are
     except ModelError as error:
-        raise ModelError(f"{target}: {str(error).removeprefix(f'{written}: ')}") from error
+        raise ModelError(f"{target}: {str(error).removeprefix(f'{written}: ').removeprefix(f'{source}: ')}") from error
     for link in robot.tree.links:
         wanted = robot.inertias[link].vector
         size = np.repeat([np.linalg.norm(part) for part in np.split(wanted, [1, 4])], [1, 3, 6])

@@ -58,7 +58,7 @@ def load_robot(
     name, path = resolve(source)
     file = read_model_file(path, limits)
     with foreign(path, "not understood as a robot", ModelError):
-        robot = _understand(file, feet, trunk)
+        robot = robot_of(file, feet, trunk)
     return replace(robot, name=name or robot.name, feet=tuple(feet))
 
 
@@ -93,7 +93,10 @@ def parse_xml(path: Path, limits: Limits = DEFAULTS) -> Document:
     return document
 
 
-def _understand(file: ModelFile, feet: Sequence[str], trunk: str | None = None) -> Robot:
+def robot_of(file: ModelFile, feet: Sequence[str], trunk: str | None = None) -> Robot:
+    """The robot of a model file, with feet and trunk as in `load_robot`; meshes are looked for from the file's path.
+    Raises as `load_robot`.
+    """
     whole, file = file, file if trunk is None else rooted_at(file, trunk)
     notes: list[str] = []
     try:
@@ -104,7 +107,7 @@ def _understand(file: ModelFile, feet: Sequence[str], trunk: str | None = None) 
             raise
         if trunk is not None:
             raise ModelError(f"{file.path}: no legs hang from trunk {trunk!r}; they hang from {other!r}") from None
-        robot = _understand(file, feet, other)
+        robot = robot_of(file, feet, other)
         note = f"trunk {other!r}, from which the legs hang, not {file.trunk!r}"
         return replace(robot, notes=(note, *robot.notes))
     order = [k for chain in chains for k in chain.links]

@@ -1,7 +1,7 @@
 """Reads MJCF with MuJoCo's own compiler, which defines it (defaults, includes, angles, actuators)."""
 
 import xml.etree.ElementTree as ET
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from math import cos, sin
 from pathlib import Path
 from typing import Any
@@ -112,14 +112,41 @@ def _inertia_from_meshes(spec: Any) -> bool:
     return any((forced or not g.parent.explicitinertial) and g.mass != 0 and g.density != 0 for g in meshes)
 
 
-def _drop_meshes(spec: Any) -> None:
+def _drop_meshes(spec: Any, kept: Collection[str] = ()) -> None:
     for geom in list(spec.geoms):
-        if _is_mesh(geom):
+        if _is_mesh(geom) and geom.meshname not in kept:
             spec.delete(geom)
         else:
             geom.material = ""
-    for asset in [*spec.meshes, *spec.materials, *spec.textures]:
+    unused = (mesh for mesh in spec.meshes if (mesh.name or Path(mesh.file).stem) not in kept)
+    for asset in [*unused, *spec.materials, *spec.textures]:
         spec.delete(asset)
+
+
+def mesh_vertices(path: Path, joint: str) -> list[Array]:
+    """Vertices (k, 3) [m] of the meshes of the body that a joint moves, in its link's frame: of those that collide, or
+    of all if nothing of the body does. Raises ModelError: a file of theirs is missing.
+    """
+    keep_quiet()
+    with foreign(path, "its meshes cannot be read", ModelError):
+        spec = mujoco.MjSpec.from_file(str(path))
+        for unused in [*spec.pairs, *spec.excludes, *spec.sensors, *spec.keys]:
+            spec.delete(unused)
+        found = spec.joint(joint)
+        geoms = found.parent.geoms if found is not None else []  # a joint without a name has one made for it
+        own = [geom for geom in geoms if geom.contype or geom.conaffinity] or geoms
+        own = [geom for geom in own if _is_mesh(geom)]
+        _drop_meshes(spec, {geom.meshname for geom in own})
+        mj = spec.compile()
+    if not own:
+        return []
+    body, vertices = int(mj.jnt_bodyid[mj.joint(joint).id]), []
+    for g in range(mj.body_geomadr[body], mj.body_geomadr[body] + mj.body_geomnum[body]):
+        if (mesh := int(mj.geom_dataid[g])) >= 0 and mj.geom_type[g] == mujoco.mjtGeom.mjGEOM_MESH:
+            begin, count = mj.mesh_vertadr[mesh], mj.mesh_vertnum[mesh]
+            points = mj.mesh_vert[begin : begin + count] @ _rotation(mj.geom_quat[g]).T + mj.geom_pos[g]
+            vertices.append(points - mj.jnt_pos[mj.joint(joint).id])
+    return vertices
 
 
 class _CompiledModel:

@@ -81,15 +81,16 @@ def find_wheel(path: Path, link: str, joint: FileJoint, shapes: Iterable[Shape])
     """
     own = [shape for shape in shapes if shape.link == link]
     rims = [(shape.translation, shape.size[0]) for shape in own if shape.kind in ("sphere", "cylinder", "capsule")]
-    try:
-        points = np.concatenate([np.zeros((0, 3)), *_meshes(path, joint.name)])
-    except ModelError:
-        points = np.zeros((0, 3))
-    if not rims and len(points):
+    if not rims:
+        unknown = f"it ends in the wheel {link!r}, and neither a cylinder nor a mesh tells its radius"
+        try:
+            points = np.concatenate([np.zeros((0, 3)), *_meshes(path, joint.name)])
+        except ModelError as error:
+            raise ModelError(f"{unknown}: {str(error).removeprefix(f'{path}: ')}") from error
+        if not len(points):
+            raise ModelError(unknown)
         middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
         rims = [(middle, float(np.linalg.norm(np.cross(points - middle, joint.axis), axis=1).max()))]
-    if not rims:
-        raise ModelError(f"it ends in the wheel {link!r}, and neither a cylinder nor a mesh tells its radius")
     middle, radius = max(rims, key=lambda rim: rim[1])
     x, y, z = (joint.axis * (joint.axis @ middle)).tolist()
     note = f"a wheel of {1e3 * radius:.0f} mm radius, which touches the ground below its axle"
@@ -148,8 +149,12 @@ def _geometry(path: Path) -> tuple[Any, Any]:
 
 def _meshes(path: Path | None, joint: str) -> list[Array]:
     """Vertices (k, 3) [m] of the collision meshes of the link that a joint moves, in its frame."""
-    if path is None or path.suffix != ".urdf":
+    if path is None or path.suffix not in (".urdf", ".xml", ".mjcf"):
         return []
+    if path.suffix != ".urdf":
+        from stadera.robot.mjcf import mesh_vertices
+
+        return mesh_vertices(path, joint)
     model, geometry = _geometry(path)
     found = []
     for shape in geometry.geometryObjects:
