@@ -189,3 +189,9 @@ def test_bad_requests_are_refused(hyq: Robot) -> None:
             paper_draw(hyq, "RH", rng, duration)
     with pytest.raises(IdentificationError, match="shares"):
         Margins(effort=0.0)
+
+
+def test_a_torque_limit_that_cannot_hold_the_leg_is_named(hyq: Robot) -> None:
+    weak = replace(hyq, limits=hyq.limits | {"lf_kfe_joint": replace(hyq.limits["lf_kfe_joint"], effort=0.5)})
+    with pytest.raises(IdentificationError, match=r"out of bounds: lf_kfe_joint needs .* N·m to hold the leg and may"):
+        paper_draw(weak, "LF", np.random.default_rng(0), 10.0)

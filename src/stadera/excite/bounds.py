@@ -288,6 +288,16 @@ class LegBounds:
         still = np.zeros_like(position)
         return self.torque(JointMotion(position, still, still))
 
+    def at_rest(self) -> str:
+        """What the rest pose violates, in words: torque limits (it is within those of positions), else a distance."""
+        torque = np.abs(self.gravity_torque(self.rest[None])[0])
+        weak = [
+            f"{joint} needs {needed:.3g} N·m to hold the leg and may have {limit:.3g}"
+            for joint, needed, limit in zip(self.joints, torque, self.effort, strict=True)
+            if needed > limit
+        ]
+        return ", ".join(weak) or "the leg is too close to the trunk, another leg or the ground"
+
     @cached_property
     def clearance_map(self) -> ClearanceMap:
         """The clearance, tabulated over the position bounds."""
@@ -311,7 +321,7 @@ def fitting_factor(motion: Sinusoids, bounds: LegBounds, step: float = 0.99, rat
     while not _fits(motion.drawn_in(factor), bounds, rate):
         factor *= step
         if factor < 0.01:
-            raise IdentificationError(f"leg {bounds.leg}: the rest pose itself is out of bounds")
+            raise IdentificationError(f"leg {bounds.leg}: the rest pose itself is out of bounds: {bounds.at_rest()}")
     return factor
 
 
