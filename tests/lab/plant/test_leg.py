@@ -79,6 +79,18 @@ def test_channels_are_derivatives_of_each_other(hyq: Robot) -> None:
     np.testing.assert_allclose(recording.acceleration[settled], acceleration[settled], atol=1e-2)
 
 
+def test_straight_legs_of_a_humanoid_follow_their_own_acceleration() -> None:
+    """About the long axis of a straight leg there is little inertia, and the drives' damping is fast."""
+    robot = load_robot("h1")
+    robot = replace(robot, dynamics=dict.fromkeys(robot.tree.joints, JointDynamics()))
+    time = np.arange(300) / 1000.0
+    turn, speed = 0.1 * np.sin(12.0 * time), 1.2 * np.cos(12.0 * time)
+    ones = np.ones(len(robot.leg("left").joints))
+    recording = simulate_leg(robot, "left", Reference(time, np.outer(turn, ones), np.outer(speed, ones)))
+    acceleration = np.gradient(recording.velocity, time, axis=0)
+    np.testing.assert_allclose(recording.acceleration[50:-1], acceleration[50:-1], atol=0.5)
+
+
 def test_energy_balance(hyq: Robot) -> None:
     """Work of the motors = change of kinetic and potential energy, by Pinocchio's energies."""
     import pinocchio as pin

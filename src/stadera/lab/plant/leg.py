@@ -31,7 +31,11 @@ class TrackingSettings:
 
     # natural frequency of the tracking loop with default gains [rad/s], well above an excitation's
     bandwidth: float = 2 * np.pi * 8.0
-    largest_step: float = 1e-3  # of the integrator [s]
+    # of the integrator [s]; within these, a step is at most `decay` time constants of the drives' damping, since a
+    # fourth-order Runge-Kutta method is unstable above 2.8
+    largest_step: float = 1e-3
+    smallest_step: float = 2e-5
+    decay: float = 2.0
     tolerance: float = 1e-15  # of the dry-friction constraint; MuJoCo's default leaves errors of 3e-5 N·m in the torque
 
 
@@ -77,7 +81,9 @@ def simulate_leg(
     tree = robot.leg_tree(leg)
     gains = gains or Gains.scaled(robot, leg)
     interval = float(trajectory.time[-1] - trajectory.time[0]) / (len(trajectory.time) - 1)
-    substeps = max(1, int(np.ceil(interval / _TRACKING.largest_step - SAME)))
+    fastest = _fastest_decay(robot, tree, gains, trajectory.position[:: max(1, len(trajectory.time) // 100)])
+    step = min(max(_TRACKING.decay / fastest, _TRACKING.smallest_step), _TRACKING.largest_step)
+    substeps = max(1, int(np.ceil(interval / step - SAME)))
     model = _tracking_model(robot, tree, gains, interval / substeps)
     # the actuator itself adds -stiffness q - damping q̇, so only this drive is prescribed over time
     drive = gains.stiffness * trajectory.position + gains.damping * trajectory.velocity
@@ -98,6 +104,19 @@ def simulate_leg(
         effort=effort,
         source=f"simulated {robot.name} {leg}",
     )
+
+
+def _fastest_decay(robot: Robot, tree: Tree, gains: Gains, positions: Array) -> float:
+    """Largest eigenvalue of M⁻¹ D of the drives' damping over these positions (samples, n) [1/s]: straight legs have
+    little inertia about some of their joints.
+    """
+    model = build_model(robot, tree)
+    data, damping, fastest = mujoco.MjData(model), np.diag(gains.damping), float(np.finfo(float).tiny)
+    for position in positions:
+        data.qpos[:] = position
+        rates = np.linalg.eigvals(np.linalg.solve(mass_matrix(model, data), damping))
+        fastest = max(fastest, float(np.abs(rates).max()))
+    return fastest
 
 
 def _tracking_model(robot: Robot, tree: Tree, gains: Gains, timestep: float) -> mujoco.MjModel:
