@@ -258,14 +258,16 @@ def test_impacts_that_the_rate_does_not_resolve_do_not_make_the_trunk_lighter() 
     assert estimator.estimate().value[0] < trunk().mass - 0.03 * robot().mass  # what they would do
 
 
-def test_finds_by_how_much_torques_are_late() -> None:
-    m, late = motion(), 2
+@pytest.mark.parametrize("late", [2, 12])
+def test_finds_by_how_much_torques_are_late(late: int) -> None:
+    """Rows are linear in the lag, and find a part of a long one: their own error says nothing of the rest."""
+    m = motion()
     effort = np.vstack([np.repeat(m.effort[:1], late, axis=0), m.effort[:-late]])
     estimator = TrunkEstimator(robot())
     estimator.add(before(samples(replace(m, effort=effort), STANDARD, 2), TARED))
     lag, std = estimator.torque_lag
-    assert abs(lag - late / RATE) < 3.0 * std
-    assert std < 1e-3
+    assert abs(lag - late / RATE) < 2.0 * std
+    assert std < 0.003 + late / RATE
 
 
 def test_one_by_one_is_all_at_once() -> None:

@@ -87,7 +87,7 @@ class ChangeDetector:
         self.settings, self._scale, self._wide = settings, scale, wide
         self._windows = np.array(settings.windows)
         self._sums: deque[Array | float] = deque([0.0], settings.windows[-1] + 1)  # of Aᵀ W times all columns, by block
-        self._square = np.ones((len(settings.windows), 4))  # mean square of ratios under a constant load
+        self._square = np.ones((len(settings.windows), len(scale)))  # mean square of ratios under a constant load
         self._count = np.full(len(settings.windows), settings.trusted)  # of independent ones
         self._waiting: deque[tuple[Ints, Array]] = deque()  # windows, and ratios that may be those of a change
         self._seen = self._persists = 0
@@ -196,7 +196,7 @@ class ChangeDetector:
         unit. The segments `before` have loads in the same places.
         """
         if not before:
-            return LoadDifferences(before, np.zeros((0, 10)), np.ones((0, 4)))
+            return LoadDifferences(before, np.zeros((0, len(self._wide))), self._square[:0])
         wide = self._wide[:, None]
         scaled = wide * over[:, :, :10] * self._wide  # rounding hides parameters that no row shows
         inverse = wide * np.linalg.inv(scaled + np.eye(10)) * self._wide

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from math import inf, isnan, sqrt
+from math import hypot, inf, isnan, sqrt
 from zlib import crc32
 
 import numpy as np
@@ -376,9 +376,9 @@ class TrunkEstimator:
         """Estimated delay of the torques and its standard deviation [s]: positive if the log has them late, as of
         sensors; negative if they act after their stamps, as of commands. `identify` counts the other way.
         """
-        errors = self._fit.errors
-        at = errors.layout.places["torque_lag"].start
-        return float(errors.mean[at]), float(errors.std[at])
+        at, errors, settings = self._fit.model.layout.places["torque_lag"].start, self._fit.errors, self.settings
+        lag, std = float(errors.mean[at]), float(errors.std[at])
+        return lag, hypot(std, settings.lag_share * lag, settings.lag_least)
 
     @property
     def errors(self) -> Errors:

@@ -162,7 +162,7 @@ def by_mass_and_centre(body: Body) -> Array:
     """Derivatives (links, 10, 4) of each link's parameters φ by a share of all of them, and by a displacement of its
     mass c without rotation: of m c by m, of I by m (2 c_i 1 - e_i cᵀ - c e_iᵀ).
     """
-    out, unit = np.zeros((len(body.joints), 10, 4)), np.eye(3)
+    out, unit = np.zeros((len(body.joints), 10, 1 + 3)), np.eye(3)
     for k, phi in enumerate(body.parameters):
         out[k, :, 0], c = phi, phi[1:4]
         for i, axis in enumerate(unit):

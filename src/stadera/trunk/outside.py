@@ -261,4 +261,4 @@ def with_test_weight(
     slope[1:, 0] = centre
     covariance = slope @ np.diag([mass_std**2, *[com_std**2] * 3]) @ slope.T + 1e-12 * np.eye(4)
     moments = np.array([mass, *(mass * np.array(centre))])
-    return Knowledge("the test weight", moments, covariance, np.zeros((4, count)), ((load, four), (tare, -four)))
+    return Knowledge("the test weight", moments, covariance, np.zeros((len(moments), count)), ((load, four), (tare, -four)))
