@@ -32,7 +32,7 @@ def arrays(**changed: Any) -> Recording:
         ({"effort": [["1", "2"]] * 3}, "effort holds <U1, not numbers"),
         ({"time": [[0, 1, 2]]}, r"time needs shape \(samples,\), got \(1, 3\)"),
         ({"time": [0, 2, 1]}, "'time' runs back at sample 2"),
-        ({"time": np.array([0, 1, 2], dtype="M8[s]")}, "time holds datetime64"),
+        ({"time": np.array([0, 1, 2], dtype="M8[s]")}, r"time holds datetime64.*\(t - t\[0\]\) / numpy.timedelta64"),
         ({"position": [[0, 0], [0, np.inf], [0, 0]]}, "'b.position' is inf at sample 1"),
         ({"velocity": np.full((3, 2), np.nan)}, "velocity is NaN: no sample is complete"),
         ({"joints": "ab"}, "joints needs a list of names"),
@@ -62,6 +62,11 @@ def test_samples_with_nan_are_dropouts() -> None:
     assert note == "dropped 2 of 5 samples with blank cells, in 2 dropouts, the first at sample 1, column 'position'"
 
 
+def test_masked_values_are_dropouts() -> None:
+    position = np.ma.masked_equal([[0, 1], [9, 2], [0, 3]], 9)
+    assert arrays(position=position).time.tolist() == [0.0, 2.0]
+
+
 def test_arrays_are_taken_as_they_are_and_lists_as_numbers() -> None:
     position = np.ones((3, 2))
     log = arrays(position=position, foot_contact={"LF": [0, 1, 1]}, source="trial 3")
@@ -87,6 +92,12 @@ def test_a_data_frame_of_every_library(df: Any) -> None:
     np.testing.assert_array_equal(log.position, [[4, 1], [5, 2], [6, 3]])
     with pytest.raises(RecordingError, match=r"dataframe: no column 'a\.effort'"):
         Recording.from_dataframe(df, require=("effort",))
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_lazy_frame_is_collected() -> None:
+    polars = pytest.importorskip("polars")
+    assert len(as_log(polars.LazyFrame(COLUMNS))) == 3  # type: ignore[arg-type]
 
 
 def test_missing_values_are_dropouts() -> None:
@@ -155,8 +166,9 @@ def test_a_recording_is_read_as_a_file_is() -> None:
     log = arrays(velocity=np.zeros((3, 2)))
     assert read(log) is log
     assert [len(chunk) for chunk in stream(log, rows=2)] == [2, 1]
-    with pytest.raises(RecordingError, match="too few samples: 1"):
-        read(Recording.from_arrays([0.0], [[1.0]], joints=["a"]))
+    for count in (0, 1):
+        with pytest.raises(RecordingError, match=f"too few samples: {count}"):
+            read(Recording.from_arrays(np.zeros(count), np.ones((count, 1)), joints=["a"]))
     with pytest.raises(StaderaError, match=r"no column 'a\.effort'"):
         stream(log, require=("effort",))
 
@@ -165,3 +177,14 @@ def test_readers_libraries_are_imported_when_they_are_used() -> None:
     code = "import sys, stadera.logs.reader, stadera.logs.frames; print(*sys.modules)"
     loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
     assert not {"pyarrow", "mcap", "rosbags", "zstandard", "pandas", "polars"} & set(loaded)
+
+
+def test_joints_of_a_recording_are_found_by_leg_and_part() -> None:
+    """As those of a table are."""
+    own, joints = ("LF_KFE", "LF_HAA", "LF_HFE"), ("lf_haa_joint", "lf_hfe_joint", "lf_kfe_joint")
+    log = arrays(position=[[2.0, 0.0, 1.0]] * 3, joints=own)
+    found = read(log, joints=joints)
+    assert found.joints == joints
+    assert found.position[0].tolist() == [0.0, 1.0, 2.0]
+    assert found.notes == ("joints found by leg and part, 'LF_HAA' as 'lf_haa_joint'",)
+    assert [chunk.joints for chunk in stream(log, joints=joints, rows=2)] == [joints] * 2

@@ -362,6 +362,8 @@ def test_torques_of_the_wrong_sign_never_make_a_trunk() -> None:
     assert estimator.estimate().status is Status.REFUSED
     assert "runs away" in estimator.estimate().reason
     assert not estimator.estimate().observed.any()
+    assert estimator.trust.verdict == "bad"
+    assert "runs away" in estimator.trust.reasons[0]
 
 
 @pytest.mark.parametrize("method", [LeastSquaresTrunk, RlsTrunk, KalmanTrunk])

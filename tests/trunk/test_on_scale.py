@@ -169,6 +169,11 @@ def test_bad_weights_are_named() -> None:
         TrunkEstimator(HYQ).know_weight("a", 1.0)  # type: ignore[arg-type]
     with pytest.raises(IdentificationError, match=r"a range of time is a pair of numbers, \(0.0, 9.0\)"):
         weigh(HYQ, loaded(), tare="0:9")
+    for tare in ((None, 3), (0, 1, 2), ("0", "3"), 3.0):
+        with pytest.raises(IdentificationError, match=r"a pair of numbers \(begin, end\) \[s\], got"):
+            weigh(HYQ, loaded(), tare=tare)  # type: ignore[arg-type]
+    with pytest.raises(IdentificationError, match=r"memory takes a stadera.trunk.memory.Memory, .* got str"):
+        weigh(HYQ, loaded(), memory="memory.json")  # type: ignore[arg-type]
     with pytest.raises(IdentificationError, match="kg are needed"):
         weigh(HYQ, loaded(), weight=1000.0 * HYQ.mass)
     with pytest.raises(IdentificationError, match="a weight is used, by 'walking' or 'standing'"):

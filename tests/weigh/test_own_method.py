@@ -91,3 +91,19 @@ def test_what_is_wrong_is_said(tmp_path: Path) -> None:
         method_of(file(tmp_path, "class Half:\n    def update(self, m): ...\n") + ":Half")
     with pytest.raises(UnknownNameError, match=r"walkng.*FILE\.py:Name"):
         weigh("hyq", static_log(load_robot("hyq")), method="walkng")
+
+
+@pytest.mark.parametrize(
+    ("inside", "said"),
+    [
+        ("def __init__(self): pass", "the estimator Mine failed: TypeError: .* but 2 were given$"),
+        ("def update(self, m): raise ValueError('odd')", r"failed: ValueError: odd \(.*mine.py, line 4\)"),
+        ("", r"Mine.estimate\(\) gave NoneType, a stadera.trunk.protocol.TrunkEstimate is needed"),
+    ],
+)
+def test_a_class_that_fails_is_named(tmp_path: Path, inside: str, said: str) -> None:
+    own = "class Mine:\n    def __init__(self, robot): pass\n    def update(self, m): pass\n"
+    path = file(tmp_path, f"{own}    {inside or 'pass'}\n    def estimate(self): pass\n")
+    robot = load_robot("hyq")
+    with pytest.raises(IdentificationError, match=said):
+        weigh(robot, static_log(robot), method=f"{path}:Mine")

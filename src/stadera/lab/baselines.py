@@ -22,7 +22,7 @@ from stadera.robot.model import Robot
 from stadera.trunk.load import centre_slope
 from stadera.trunk.measurement import Measurement
 from stadera.trunk.model import ImplausibleError, TrunkBounds, TrunkModel
-from stadera.trunk.protocol import Status, StepEstimator, TrunkEstimate, unobserved
+from stadera.trunk.protocol import RUNS_AWAY, Status, StepEstimator, TrunkEstimate, unobserved
 from stadera.trunk.registry import METHODS, Method
 from stadera.trunk.result import ObservedLimits
 from stadera.trunk.samples import SampleBuffer, Samples
@@ -101,7 +101,7 @@ class SignalBaseline(StepEstimator):
         try:
             trunk = self.bounds.check(TrunkModel(float(value[0]), value[1:], self._start.inertia_com))
         except ImplausibleError as error:
-            self._refuse(f"the estimate runs away: {error}")
+            self._refuse(f"{RUNS_AWAY}: {error}")
             return
         time = float(samples.time[-2])
         if np.isnan(self._first):

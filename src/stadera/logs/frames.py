@@ -18,7 +18,7 @@ from stadera.errors import RecordingError
 from stadera.files import written_together
 from stadera.logs.batches import MOST_ROWS, table_recordings
 from stadera.logs.columns import IMU_FRAME, TIME, layout
-from stadera.logs.recording import Recording
+from stadera.logs.recording import Recording, no_numbers
 from stadera.logs.topics import AS_RECORDED, ReadOptions, Topics
 from stadera.types import Array
 
@@ -35,6 +35,8 @@ def from_dataframe(
     reading: ReadOptions = AS_RECORDED,
 ) -> Recording:
     """See `Recording.from_dataframe`."""
+    if callable(collect := getattr(type(df), "collect", None)):
+        df = collect(df)  # a LazyFrame of polars
     names = _names(df, source)
     if TIME not in names and getattr(getattr(df, "index", None), "name", None) == TIME:
         df = df.reset_index()
@@ -78,8 +80,7 @@ def _numbers(column: Any, name: str, source: str) -> Array:
         missing = (type(None), *({type(value) for value in values if type(value).__name__ == "NAType"}))  # pandas.NA
         values = np.array([np.nan if isinstance(value, missing) else value for value in values])
     if values.dtype.kind not in "fiub":
-        seconds = "; time is needed in seconds" if name == TIME else ""
-        raise RecordingError(f"{source}: column {name!r} holds {values.dtype}, not numbers{seconds}")
+        raise RecordingError(f"{source}: column {name!r} {no_numbers(values, name)}")
     return values.astype(np.float64)
 
 

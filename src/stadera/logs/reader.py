@@ -57,7 +57,7 @@ def as_log(log: Log) -> LogFile | Recording:
 
 
 def _is_frame(log: object) -> bool:
-    return hasattr(log, "columns") or isinstance(log, Mapping)
+    return hasattr(type(log), "columns") or isinstance(log, Mapping)
 
 
 def as_logs(logs: Log | Iterable[Log]) -> tuple[LogFile | Recording, ...]:
@@ -109,10 +109,15 @@ def read(log: Log, *, joints: Sequence[str] | None = None, require: Collection[s
 
 
 def _chosen(recording: Recording, joints: Sequence[str] | None, require: Collection[str]) -> Recording:
-    """Selects the requested joints, with the same checks as for a table's columns."""
-    found = layout(tuple(columns_of(recording)), recording.source, joints, require)
+    """Selects the requested joints, with the same checks and by the same names as for a table's columns."""
     if len(recording) < 2:
         raise RecordingError(f"{recording.source}: too few samples: {len(recording)}, at least 2 are needed")
+    found = layout(tuple(columns_of(recording)), recording.source, joints, require)
+    columns = {joint: f"{joint}.position" for joint in found.joints}
+    names = {found.sources.get(column, column).removesuffix(".position"): joint for joint, column in columns.items()}
+    if any(own != joint for own, joint in names.items()):
+        named = tuple(names.get(own, own) for own in recording.joints)
+        recording = replace(recording, joints=named, notes=(*recording.notes, *found.notes))
     return recording.of_joints(found.joints)
 
 

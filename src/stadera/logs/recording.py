@@ -285,12 +285,23 @@ def fields_of(
 
 def _as_numbers(values: ArrayLike, name: str, source: str) -> Array:
     try:
+        if isinstance(values, np.ma.MaskedArray):
+            values = np.ma.filled(values.astype(np.float64), np.nan)
         array = np.asarray(values)
     except ValueError:
         raise RecordingError(f"{source}: {name}: its rows differ in length") from None
     if array.dtype.kind not in "fiub":
-        raise RecordingError(f"{source}: {name} holds {array.dtype}, not numbers")
+        raise RecordingError(f"{source}: {name} {no_numbers(array, name)}")
     return array.astype(np.float64, copy=False)
+
+
+def no_numbers(values: NDArray[Any], name: str) -> str:
+    """Says what is wrong with an array that does not hold numbers."""
+    text = f"holds {values.dtype}, not numbers"
+    if name != TIME:
+        return text
+    of_dates = ", as (t - t[0]) / numpy.timedelta64(1, 's')" if values.dtype.kind in "mM" else ""
+    return f"{text}; time is needed in seconds{of_dates}"
 
 
 def check_values(

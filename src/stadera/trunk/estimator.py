@@ -39,7 +39,7 @@ from stadera.trunk.measurement import Measurement
 from stadera.trunk.memory import Memory, MemorySettings, evidence_of
 from stadera.trunk.model import TrunkBounds, TrunkModel
 from stadera.trunk.outside import Correction, Knowledge, Reading, on_scale, with_test_weight
-from stadera.trunk.protocol import Status, TrunkEstimate
+from stadera.trunk.protocol import RUNS_AWAY, Status, TrunkEstimate
 from stadera.trunk.result import ObservedLimits, TrunkParameters, unobserved
 from stadera.trunk.samples import Samples
 from stadera.trunk.segment import Segment
@@ -58,6 +58,7 @@ class _State:
     learnt: float = np.nan
     since: float = np.nan
     settled: bool = False
+    complaint: str = ""  # why the latest estimate is none that a trunk can have
 
 
 class TrunkEstimator:
@@ -106,8 +107,8 @@ class TrunkEstimator:
         self._fit = ModelFit(self.robot, self.settings)
         layout = self._fit.model.layout
         static = np.sqrt(self._fit.model.variance[layout.sticking])
-        known = self._start.vector, layout, self.settings, len(places)
-        self._history = History(self.robot, *known, self._fit.friction, static)
+        known = (self._start.vector, layout, self.settings, len(places), self._fit.friction)
+        self._history = History(self.robot, *known, static)
         self._history.at = self._where.candidates[0]
         self._changes = LoadChanges(self.robot, self.settings, self._where)
         self._known: tuple[Knowledge, ...] = ()
@@ -132,9 +133,9 @@ class TrunkEstimator:
             gyro, accel: (3,) [rad/s, m/s²], in the IMU's frame.
 
         Raises:
-            RecordingError: missing values or wrong shapes.
+            RecordingError: missing values, wrong shapes, or what is no number.
         """
-        self._take(t if isinstance(t, Measurement) else self._front.measured(float(t), q, dq, tau, gyro, accel))
+        self._take(t if isinstance(t, Measurement) else self._front.measured(t, q, dq, tau, gyro, accel))
 
     def _take(self, measurement: Measurement) -> None:
         table = self._front.gather(measurement)
@@ -145,8 +146,7 @@ class TrunkEstimator:
     def add(self, samples: Samples | Sequence[Measurement]) -> None:
         """Processes any number of samples, equivalent to as many calls of `update`.
 
-        Samples that are not finite or go back in time are skipped and reported. Signals are not differentiated across a
-        gap.
+        Samples that are not finite or go back in time are skipped and reported; none are differentiated across a gap.
 
         Raises:
             RecordingError: anything but `Samples`, or measurements.
@@ -332,9 +332,7 @@ class TrunkEstimator:
         return self._bars_with(on_scale(self.robot, 0.0, std, self._history.tare))
 
     def bars_calibrated(self, mass: float) -> tuple[float, float]:
-        """The same if a test weight [kg] had been on the robot too, for as long as this load and in the same motion.
-        Raises IdentificationError: no tare.
-        """
+        """The same if a test weight [kg] had been on it as long, in the same motion. IdentificationError: no tare."""
         place, again = (0.0, 0.0, 0.3 * self.robot.leg_length), replace(self._history.carried)
         return self._bars_with(with_test_weight(self.robot, mass, place, 0.005, 0.005, self._history.tare, again))
 
@@ -363,8 +361,10 @@ class TrunkEstimator:
 
     @property
     def trust(self) -> Trust:
-        """How well the model explains the log so far."""
+        """How well the model explains the log so far; bad while the estimate is none that a trunk can have."""
         trust = self._fit.trust
+        if self._state.complaint:
+            trust = trust.at_most("bad", self._state.complaint)
         why = "another load than was said, a part that was changed, or torques of another scale"
         for what, far in self._contradicted(self._known).items():
             left_out = f"{what}, which is left out, and the log are {far:.1f} standard deviations apart"
@@ -480,14 +480,14 @@ class TrunkEstimator:
     def _adopt(self, time: float, updated: bool = False) -> None:
         """Adopts the present estimate of the trunk, unless it is implausible; `updated`: with other model errors."""
         since, read = time if isnan(self._state.since) else self._state.since, self._read(self._used)
-        if complaint := read.complaint(self.bounds):
-            self._state = replace(self._state, since=since)
-            self._refuse(f"the estimate runs away: {complaint}")
+        if complaint := read.complaint(self.bounds, self.settings.apart):
+            self._state = replace(self._state, since=since, complaint=f"{RUNS_AWAY}: {complaint}")
+            self._refuse(self._state.complaint)
             return
         self._good = read
         misfit = self._fit.misfit
         if misfit > self.settings.bad:
-            self._state = replace(self._state, learnt=time, since=since)
+            self._state = replace(self._state, learnt=time, since=since, complaint="")
             self._refuse(f"the model does not explain what the sensors say: {self.trust.reasons[0]}")
             return
         settled = time - since >= self.settings.settled and misfit <= self.settings.doubtful

@@ -130,10 +130,12 @@ class Front:
         accel: ArrayLike | None,
     ) -> Measurement:
         """A measurement from arrays in the given joints' order and the IMU's axes; raises RecordingError."""
+        if (time := _numbers("t", t)).shape:
+            raise RecordingError(f"update needs t as one number [s], got an array of shape {time.shape}")
         joints, values = len(self._names), {}
         channels = {"q": (q, joints), "dq": (dq, joints), "tau": (tau, joints), "gyro": (gyro, 3), "accel": (accel, 3)}
         for name, (value, size) in channels.items():
-            array = np.asarray(value, dtype=float) if value is not None else np.empty(0)
+            array = _numbers(name, value) if value is not None else np.empty(0)
             if array.shape != (size,):
                 raise RecordingError(f"update needs {name} of shape ({size},), got {array.shape}")
             values[name] = array
@@ -144,8 +146,8 @@ class Front:
             for at, k in self._extra_order.items():
                 extra[[at, count + at, 2 * count + at]] = values["q"][k], values["dq"][k], values["tau"][k]
         position, velocity, effort = (values[name][self._order] for name in ("q", "dq", "tau"))
-        omega, force = turn(values["gyro"]), turn(values["accel"])
-        return Measurement(t, position, velocity, effort, omega, force, lever=self.mount.translation, extra=extra)
+        imu, lever = (turn(values["gyro"]), turn(values["accel"])), self.mount.translation
+        return Measurement(float(time), position, velocity, effort, *imu, lever=lever, extra=extra)
 
     def gather(self, measurement: Measurement) -> Array | None:
         """Stores a measurement; the table of all stored ones, for `take`, once a block is full."""
@@ -249,3 +251,14 @@ class Front:
         elif made.rows is not None:
             self.seen += made.rows.elapsed
         return made
+
+
+def _numbers(name: str, value: ArrayLike) -> Array:
+    """A value given to `update` as an array. RecordingError: it is no number, or its parts differ in length."""
+    try:
+        array = np.asarray(value)
+        if array.dtype.kind in "fiubO":
+            return array.astype(float, copy=False)
+    except (TypeError, ValueError):
+        pass
+    raise RecordingError(f"update needs {name} in numbers{' [s]' * (name == 't')}, got {value!r:.60}")

@@ -201,15 +201,20 @@ class Reading:
         found = TrunkParameters.of(vector, covariance, self._start, robot.mass, robot.leg_length)
         return replace(found, mass_std_without_scale=without_scale(covariance[0, 0], by_scale[0]))
 
-    def complaint(self, bounds: TrunkBounds) -> str | None:
-        """Why the trunk, with `start` for unobserved parameters, is implausible; None if plausible."""
+    def complaint(self, bounds: TrunkBounds, apart: float) -> str | None:
+        """Why the trunk, with `start` for unobserved parameters, is implausible; None if plausible. A mass is that
+        many standard deviations outside its bounds, observed or not.
+        """
         mass, *moment = self.vector[:4].tolist()
         if not mass > 0.0:
             return f"a mass of {mass:.3g} kg"
-        if bounds.mass[0] <= mass <= bounds.mass[1]:
+        least, most = bounds.mass
+        if least <= mass <= most:
             within = zip(bounds.low.tolist(), moment, bounds.high.tolist(), strict=True)
             if all(low * mass <= value <= high * mass for low, value, high in within):
                 return None  # the start is inside too, so any mixture of the two is
+        elif max(least - mass, mass - most) > apart * float(np.sqrt(self.covariance[0, 0])):
+            return f"trunk mass {mass:.3f} kg lies outside {least:.3f} to {most:.3f} kg"
         try:
             return bounds.complaint(TrunkModel.of(self.parameters.inertial))
         except ImplausibleError as error:
@@ -261,4 +266,6 @@ def with_test_weight(
     slope[1:, 0] = centre
     covariance = slope @ np.diag([mass_std**2, *[com_std**2] * 3]) @ slope.T + 1e-12 * np.eye(4)
     moments = np.array([mass, *(mass * np.array(centre))])
-    return Knowledge("the test weight", moments, covariance, np.zeros((len(moments), count)), ((load, four), (tare, -four)))
+    return Knowledge(
+        "the test weight", moments, covariance, np.zeros((len(moments), count)), ((load, four), (tare, -four))
+    )

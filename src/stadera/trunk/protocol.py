@@ -10,11 +10,13 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+from pathlib import Path
+from traceback import extract_tb
 from typing import TYPE_CHECKING, Protocol, runtime_checkable
 
 import numpy as np
 
-from stadera.errors import StaderaError
+from stadera.errors import IdentificationError, StaderaError
 from stadera.inertia import InertialParameters
 from stadera.robot.model import Robot
 from stadera.trunk.load import LoadChange, Payload, centre_slope
@@ -27,6 +29,10 @@ from stadera.types import Array, Bools
 
 if TYPE_CHECKING:
     from stadera.trunk.samples import Samples
+
+
+RUNS_AWAY = "the estimate runs away"
+"""Beginning of the reason of a refusal because the estimate is none that a trunk can have."""
 
 
 class Status(StrEnum):
@@ -200,9 +206,30 @@ class OwnEstimator(StepEstimator):
         self.robot, self._own = robot, own
 
     def update(self, measurement: Measurement) -> None:
-        """The user's own."""
-        self._own.update(measurement)
+        """The user's own. IdentificationError: it fails."""
+        try:
+            self._own.update(measurement)
+        except Exception as error:
+            raise own_failure(type(self._own).__name__, error) from error
 
     def estimate(self) -> TrunkEstimate:
-        """The user's own."""
-        return self._own.estimate()
+        """The user's own. IdentificationError: it fails, or is no `TrunkEstimate`."""
+        name = type(self._own).__name__
+        try:
+            found = self._own.estimate()
+        except Exception as error:
+            raise own_failure(name, error) from error
+        if not isinstance(found, TrunkEstimate):
+            got = type(found).__name__
+            raise IdentificationError(f"{name}.estimate() gave {got}, a stadera.trunk.protocol.TrunkEstimate is needed")
+        return found
+
+
+def own_failure(name: str, error: Exception) -> StaderaError:
+    """What to raise when a user's estimator of this name fails."""
+    if isinstance(error, StaderaError):
+        return error
+    place = extract_tb(error.__traceback__)[-1]
+    inside = Path(place.filename).parent == Path(__file__).parent  # called with other arguments than it takes
+    where = "" if inside else f" ({place.filename}, line {place.lineno})"
+    return IdentificationError(f"the estimator {name} failed: {type(error).__name__}: {error}{where}")

@@ -21,7 +21,7 @@ from stadera.robot.imu import ImuMount
 from stadera.robot.model import Robot
 from stadera.trunk.estimator import TrunkEstimator
 from stadera.trunk.model import TrunkModel
-from stadera.trunk.protocol import OwnEstimator, Weigher
+from stadera.trunk.protocol import OwnEstimator, Weigher, own_failure
 from stadera.trunk.settings import TrunkSettings
 from stadera.trunk.standing.estimator import StandingEstimator
 
@@ -149,7 +149,7 @@ def method_of(name: str) -> Method:
     if missing := [part for part in ("update", "estimate") if not callable(getattr(made, part, None))]:
         raise IdentificationError(f"--method {name}: {called} has no {' and no '.join(missing)}; an estimator has both")
     summary = (inspect.getdoc(made) or "an own estimator").splitlines()[0]
-    return Method(summary, lambda setup: _own(made(setup.robot), setup.robot))
+    return Method(summary, lambda setup: _own(made, called, setup.robot))
 
 
 def _class_in(file: str, called: str) -> Any:
@@ -169,8 +169,12 @@ def _class_in(file: str, called: str) -> Any:
     return found[called]
 
 
-def _own(made: Any, robot: Robot) -> Weigher:
+def _own(of_class: Any, called: str, robot: Robot) -> Weigher:
     """A user's estimator; one that has only `update` and `estimate` gets the rest."""
+    try:
+        made = of_class(robot)
+    except Exception as error:
+        raise own_failure(called, error) from error
     return made if isinstance(made, Weigher) else OwnEstimator(made, robot)
 
 

@@ -145,7 +145,7 @@ class SampleBuffer:
         self._joints, self._settings = joints, settings
         self._waiting, self._filled = np.empty((0, 0)), 0
         self._pending: Array | None = None
-        self._last, self._step = -inf, inf
+        self._last, self._step, self._first_steps = -inf, inf, np.empty(0)
         self._latest = -inf  # time of the last measurement that waits
         self.due = -inf
 
@@ -177,19 +177,24 @@ class SampleBuffer:
             begin = bad + 1
 
     def _stretches(self, good: Array) -> Iterator[Stretch]:
-        time = good[:, 0]
-        if self._step == inf:
-            known = np.diff(time) if self._last == -inf else np.diff(time, prepend=self._last)
-            self._step = float(np.median(known)) if len(known) else inf
+        time, settings = good[:, 0], self._settings
         steps = np.diff(np.append(self._last if self._last > -inf else time[0], time))
-        cuts = np.flatnonzero(steps > max(self._settings.lost * self._step, self._settings.bridged)).tolist()
+        if len(self._first_steps) < settings.first_steps:
+            followed = (steps > 0.0) & (steps <= settings.slow)
+            self._first_steps = np.concatenate([self._first_steps, steps[followed]])
+            self._step = float(np.median(self._first_steps)) if len(self._first_steps) else inf
+        longest = min(max(settings.lost * self._step, settings.bridged), settings.slow)
+        cuts = np.flatnonzero(steps > longest).tolist()
         edges = sorted({0, *cuts, len(good)})
         self._last = float(time[-1])
         for start, stop in pairwise(edges):
             gap = float(steps[start]) if start in cuts else 0.0
+            reason = ""
             if gap:
                 self._pending = None
-            yield Stretch(*self._completed(good[start:stop]), gap=gap, begin=float(time[start]))
+                if self._step == inf:
+                    reason = f"samples are {gap:.3g} s apart, which shows no motion: time is needed in seconds"
+            yield Stretch(*self._completed(good[start:stop]), reason=reason, gap=gap, begin=float(time[start]))
 
     def _completed(self, table: Array) -> tuple[Array, list[int]]:
         pending = table if self._pending is None else np.concatenate([self._pending, table])
@@ -212,7 +217,8 @@ class SampleBuffer:
         """The samples that are not finite or not in order."""
         time: Array = table[:, 0]
         in_order = len(time) and time[0] > self._last and (time[1:] > time[:-1]).all()
-        if in_order and isfinite(table.sum()):  # a sum shows any value that is not finite
+        values = table.ravel()
+        if in_order and isfinite(values.dot(values)):  # a sum of squares shows any value that is not finite
             return []
         finite: Bools = np.asarray(np.isfinite(table).all(axis=1))
         known = np.where(finite, time, -inf)

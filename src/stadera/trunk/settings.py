@@ -342,6 +342,8 @@ class TrunkSettings:
         evaluated: time of rows before the fit is judged [s].
         lost, bridged: step between samples above which samples are missing, in usual steps [1], and one that is always
             short enough [s]: a little over half a block.
+        slow: step above which samples do not follow on each other at any rate [s], as a time that is not in seconds.
+        first_steps: number of steps whose median is the usual one.
         lost_ground: length of a gap after which ground normal and gravity are estimated anew [s].
         explained: largest model error that is tried as an explanation of the residual, in prior standard deviations.
         doubtful, bad: misfit above which a result is doubtful, or bad, see `stadera.trust.Trust` [1]. A result is
@@ -355,7 +357,8 @@ class TrunkSettings:
         lag_share, lag_least: uncertainty of the torques' lag beyond what its rows show, share of it [1] and [s]: they
             are linear in it, as torques are for a few milliseconds only. Torques of two walks of real Go2s and two
             simulated trots, shifted by -6 to 9 ms, move it by 0.6 (median, 0.1 to 1.2) of that.
-        apart: standard deviations between a scale, test weight or memory and the log, beyond which it is left out.
+        apart: standard deviations between a scale, test weight or memory and the log, beyond which it is left out, and
+            between a trunk's mass and its bounds, beyond which it is impossible.
         compared: time between two comparisons of the places where a load may be [s]; a change of the load compares
             them at once.
         placed: probability above which a load is taken to be at one place and not another [1]: 19 to 1.
@@ -379,6 +382,8 @@ class TrunkSettings:
     evaluated: float = 1.0
     lost: float = 3.5
     bridged: float = 0.012
+    slow: float = 0.5
+    first_steps: int = 50
     lost_ground: float = 0.2
     explained: float = 10.0
     doubtful: float = 3.0

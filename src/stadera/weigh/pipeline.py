@@ -25,7 +25,7 @@ from stadera.trunk.front import LIES
 from stadera.trunk.load import SIGNIFICANT, LoadChange, Payload, since_tare
 from stadera.trunk.measurement import Measurement, measurements_of, rotation_matrix
 from stadera.trunk.memory import Memory, days_of
-from stadera.trunk.protocol import Status, TrunkEstimate, Weigher
+from stadera.trunk.protocol import RUNS_AWAY, Status, TrunkEstimate, Weigher
 from stadera.trunk.registry import Setup, method_of
 from stadera.trunk.samples import Samples
 from stadera.trunk.standing.estimator import Stance, Vertical, level_axes
@@ -74,7 +74,10 @@ def weighed(request: Request, log: CheckedLog) -> Weighing:
     reading.read()
     if isinstance(request.tare, tuple) and not reading.tared:
         begin, end = (t - log.begin for t in request.tare)
-        why = f"lies outside the log, which is {log.end - log.begin:.3g} s long"
+        length = log.end - log.begin
+        why = f"lies outside the log, which is {length:.3g} s long"
+        if begin < length:
+            why = f"is not over when the log ends, after {length:.4g} s"
         if (event := log.event) is not None and event.begin < request.tare[1] <= log.end:
             why = f"is not used after {event.begin - log.begin:.2f} s: {event.reason}"
         raise IdentificationError(f"{log.source.source}: the tare's time, {_since_zero(begin, end)}, {why}")
@@ -93,7 +96,7 @@ def trust_now(estimator: Weigher, learnt: float | None = None, begin: float = 0.
     trust, estimate = estimator.trust, estimator.estimate()
     if estimate.status is not Status.REFUSED or trust.verdict == "bad" or estimate.reason == LIES:
         return trust
-    verdict: Verdict = "bad" if estimate.reason.startswith("the estimate runs away") else "doubtful"
+    verdict: Verdict = "bad" if estimate.reason.startswith(RUNS_AWAY) else "doubtful"
     at = estimate.time if learnt is None else learnt
     return trust.at_most(verdict, f"as known at {at - begin:.2f} s; nothing was learnt after it: {estimate.reason}")
 

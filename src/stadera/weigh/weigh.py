@@ -151,6 +151,11 @@ def _check_request(request: Request, log: CheckedLog, others: list[CheckedLog]) 
     if not isinstance(request.known, TestWeight | None):
         got = type(request.known).__name__
         raise IdentificationError(f"known takes a stadera.weigh.TestWeight(mass, com), got {got}")
+    if not isinstance(request.memory, Memory | None):
+        got = type(request.memory).__name__
+        raise IdentificationError(
+            f"memory takes a stadera.trunk.memory.Memory, as Memory.read(path, robot) gives it, got {got}"
+        )
     _check_options(request, source.source)
     if method.needs_imu:
         for each in [log] if method.at_rest else [log, *others]:
@@ -183,11 +188,14 @@ def _check_options(request: Request, source: str) -> None:
 
 
 def _range(tare: object) -> tuple[float, float] | Log | None:
-    """A tare's range as a pair; a list or an array of two numbers is one too. IdentificationError: a range as text."""
+    """A tare's range as a pair; a list or an array of two numbers is one too. IdentificationError: another range."""
     if isinstance(tare, str) and isinstance(span := tare_of(tare), tuple):
         raise IdentificationError(f"a tare {tare!r}: a range of time is a pair of numbers, {span}")
-    if isinstance(tare, list | np.ndarray) and len(tare) == 2 and all(isinstance(end, Real) for end in tare):
-        return float(tare[0]), float(tare[1])
+    if isinstance(tare, tuple | list | np.ndarray | Real):
+        ends = () if isinstance(tare, Real) else tuple(tare)
+        if not (len(ends) == 2 and all(isinstance(end, Real) for end in ends)):
+            raise IdentificationError(f"a tare's range is a pair of numbers (begin, end) [s], got {tare!r:.60}")
+        return float(ends[0]), float(ends[1])
     return tare  # type: ignore[return-value]
 
 

@@ -21,7 +21,7 @@ from stadera.lab.laws.equilibrium import ForceNoise, NoisyForces, constant_error
 from stadera.robot.model import Robot
 from stadera.trunk.measurement import Measurement
 from stadera.trunk.model import ImplausibleError, TrunkBounds, TrunkModel
-from stadera.trunk.protocol import Status, StepEstimator, TrunkEstimate, unobserved
+from stadera.trunk.protocol import RUNS_AWAY, Status, StepEstimator, TrunkEstimate, unobserved
 from stadera.trunk.standing.detection import StaticDetector, StaticLimits
 from stadera.trunk.standing.forces import ContactForces
 from stadera.types import Array
@@ -110,10 +110,10 @@ class StaticEstimator(StepEstimator):
         try:
             trunk = TrunkModel(mass, com, self._start.inertia_com)
         except ImplausibleError as error:
-            self._refuse(f"the estimate runs away: {error}")
+            self._refuse(f"{RUNS_AWAY}: {error}")
             return False
         if complaint := self.bounds.complaint(trunk):
-            self._refuse(f"the estimate runs away: {complaint}")
+            self._refuse(f"{RUNS_AWAY}: {complaint}")
             return False
         self._trunk, self._learnt, self._ran_away = trunk, time, False
         self._status, self._reason = Status.CONVERGED if converged else Status.MOVING, ""
