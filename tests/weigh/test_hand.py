@@ -78,6 +78,17 @@ def test_a_place_that_the_log_contradicts_is_doubted(robot: Robot, made: Run) ->
     assert any(f"said to be at {RIGHT}, but it is at {LEFT}" in reason for reason in found.trust.reasons)
 
 
+def test_a_wrong_place_is_doubted_though_the_load_seems_to_change(robot: Robot) -> None:
+    """Weighed at the other hand, the load seems to shift as the arm swings; the rows since then say nothing."""
+    load = Load(2.0, "kg", (0.05, 0.0, 0.02), on=LEFT)
+    settings = SimulateSettings("standard", load, duration=6.7, rate=250.0, seed=2, load_time=LOADED, arms=0.3)
+    recording = simulate(robot, "shake", settings).recording
+    found = weigh(robot, recording, (0.0, LOADED - 0.2), at=RIGHT)
+    assert [change.kind for change in found.changes] == ["on", "shifted", "shifted"]
+    assert any(f"said to be at {RIGHT}, but it is at {LEFT}" in reason for reason in found.trust.reasons)
+    assert weigh(robot, recording, (0.0, LOADED - 0.2), at=LEFT).trust.verdict == "good"
+
+
 # -- what is wrong with the arms --------------------------------------------------------------------------------------
 def reordered(recording: Recording, order: Sequence[int], *channels: str) -> Recording:
     """Joints outside the legs, which are called as if they came in the robot's order."""

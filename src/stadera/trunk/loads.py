@@ -79,6 +79,7 @@ class LoadChanges:
     def keep(self) -> None:
         """Keeps the last change for good: its load was made the tare."""
         self._rival = None
+        self._where.forget()
 
     def look(self, rows: WeightedRows, history: History, errors: Errors, misfit: float) -> Found:
         """Looks for a change in the last block, and divides the history there; `misfit`: see `ChangeDetector.look`."""
@@ -119,6 +120,7 @@ class LoadChanges:
         """Begins another load with the rows since a change."""
         blocks = min(jump.blocks, len(history.recent))
         begun = history.recent[-blocks].time - self._settings.block
+        empty = history.before
         known = history.begin_load(blocks, errors.mean)
         rival = self._rival or _Rival(now, known, known.before, self._ended, self._changing)
         since = history.oldest
@@ -126,6 +128,10 @@ class LoadChanges:
             since = since.add(replace(rows, hidden=None))
         self._rival = replace(rival, since=since)
         self.ended = (known.loaded or known.before,)
+        if empty is not None:
+            load = self._weighed(_Change(begun, now, empty), self.ended[0], errors)
+            if abs(load.mass) > SIGNIFICANT * load.mass_std:
+                self._where.end(self.ended[0], empty, errors, self._settings.swing.repeated)
         if jump.reported:
             if self._changing is not None:
                 self._ended = (*self._ended, self._weighed(self._changing, known.before, errors))

@@ -15,6 +15,8 @@ from stadera.trunk.history import History
 from stadera.trunk.joint_errors import Errors
 from stadera.trunk.load import Payload, without_scale
 from stadera.trunk.placed import Blocks, Solved, log_odds
+from stadera.trunk.segment import Segment
+from stadera.types import Array
 
 _AS_MODELLED = 0.4
 """Deviation of the trunk before the load from the model's, as a share of the robot's mass, up to which places are
@@ -41,6 +43,8 @@ class Whereabouts:
         places: links besides the trunk, in the order of the rows' columns.
         candidates: what is compared; first the place that the load is taken to be at before any row.
         probability: (candidates,), of the present load; NaN where nothing tells.
+        ended: (candidates,), likewise, of the longest load since the tare that has ended; None without one, and if
+            nobody said where it is.
 
     Raises:
         UnknownNameError: no such link or frame, or one of a leg, on which no load is looked for.
@@ -64,6 +68,8 @@ class Whereabouts:
         both = ((number[n + one], number[n + other]) for one, other in limbs.hands)
         self.candidates: tuple[Blocks, ...] = (*((k,) for k in alone), *both)
         self.probability = np.full(len(self.candidates), np.nan)
+        self.ended: Array | None = None
+        self._longest = 0.0
         self._model = robot.inertias[robot.trunk].mass, _AS_MODELLED * robot.mass
         arm = _USUAL * robot.leg_length
         self._usual = _USUAL * robot.mass * np.array([1.0, *[arm] * 3, *[arm**2] * 6])
@@ -83,27 +89,49 @@ class Whereabouts:
         since = history.since_load
         if since is None or history.before is None or len(self.candidates) == 1:
             return False
+        if (shares := self._shares(since, history.before, errors, repeats)) is None:
+            return False
+        self.probability = shares
+        most = int(np.nanargmax(shares))
+        best = self.candidates[most]
+        enough = certain if history.at == (0,) else 0.5  # else it would stay where another place is likelier
+        if self._fixed or best == history.at or shares[most] < enough:
+            return False
+        history.move(best)
+        return True
+
+    def end(self, load: Segment, before: Segment, errors: Errors, repeats: float) -> None:
+        """Keeps what a load that has ended tells of the place that its owner says. Weighed at a wrong place, a load
+        seems to change whenever a limb moves, and what rows since then tell is little. A push is shorter.
+
+        Args:
+            load: rows of that load. before: those before any load.
+        """
+        if not self._fixed or load.count <= self._longest:
+            return
+        if (shares := self._shares(load, before, errors, repeats)) is not None:
+            self.ended, self._longest = shares, load.count
+
+    def forget(self) -> None:
+        """Forgets what loads that have ended tell: they are the tare's."""
+        self.ended, self._longest = None, 0.0
+
+    def _shares(self, since: Segment, before: Segment, errors: Errors, repeats: float) -> Array | None:
+        """Probability of each candidate, NaN of those whose joints are not recorded; None if nothing can be told."""
         # joints that are not recorded move no load
         begin = since.triangle.shape[1] - 10 * len(self.places)
         columns = since.triangle[:, begin:].reshape(10, -1, 10)
         seen = [all(k == 0 or columns[:, k - 1].any() for k in place) for place in self.candidates]
         trunk, most = self._model
-        if abs(float(history.before.mean(errors.mean)[0]) - trunk) > most:
-            return False  # torques of another scale, which an arm's own and the legs' do not show alike
+        if abs(float(before.mean(errors.mean)[0]) - trunk) > most:
+            return None  # torques of another scale, which an arm's own and the legs' do not show alike
         places = [place for place, known in zip(self.candidates, seen, strict=True) if known]
         if len(places) == 1:
-            return False
-        odds = log_odds(since, history.before, places, errors.prior, repeats, self._usual)
-        share = np.exp(odds - odds.max())
-        share /= share.sum()
-        self.probability[:] = np.nan
-        self.probability[seen] = share
-        best = places[int(np.argmax(odds))]
-        enough = certain if history.at == (0,) else 0.5  # else it would stay where another place is likelier
-        if self._fixed or best == history.at or share.max() < enough:
-            return False
-        history.move(best)
-        return True
+            return None
+        odds = log_odds(since, before, places, errors.prior, repeats, self._usual)
+        shares = np.full(len(self.candidates), np.nan)
+        shares[seen] = np.exp(odds - odds.max())
+        return np.asarray(shares / np.nansum(shares))
 
     def payload(self, load: Solved, at: Blocks, errors: Errors, limit: float) -> Payload:
         """The load at a place, in the frame of its link; of one at two links, the mass.
@@ -127,6 +155,9 @@ class Whereabouts:
 
     def said(self, payload: Payload, at: Blocks) -> Payload:
         """With where it is; the trunk has no name, see `Payload.at`."""
-        known = zip(self.candidates, self.probability.tolist(), strict=True)
+        probability = self.probability
+        if self.ended is not None and not probability[0] < self.ended[0]:
+            probability = self.ended
+        known = zip(self.candidates, probability.tolist(), strict=True)
         shares = {self.name(place): share for place, share in known if np.isfinite(share)}
         return replace(payload, at="" if at == (0,) else self.name(at), places=shares)
