@@ -9,7 +9,8 @@ from typing import Any
 import pytest
 
 from stadera import StaderaError, weigh
-from stadera.fleet import run_fleet
+from stadera.fleet import read_fleet, run_fleet
+from stadera.fleet import run as runs
 from stadera.fleet.jobs import jobs_of
 from stadera.fleet.pool import Pool
 from stadera.fleet.run import memory_paths
@@ -36,6 +37,26 @@ def test_each_robot_is_remembered_from_log_to_log(logs: Path, tmp_path: Path) ->
     assert Memory.read(tmp_path / "known-unit1.json", robot).to_dict() == kept.to_dict()
     assert [row["seconds"] for row in again.rows] == [row["seconds"] for row in first.rows]
     assert [row["memory"] for row in run_fleet(jobs, out, HERE).rows] == [None] * 4
+
+
+def test_logs_of_a_robot_that_are_done_are_kept_when_a_later_one_is_broken_off(
+    logs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    jobs, out = jobs_of([f"{logs}/unit1/*"], "hyq"), tmp_path / "runs.parquet"
+    whole = runs.process
+
+    def until_second(task: runs.Task) -> runs.Done:
+        if task.job.log == jobs[1].log:
+            raise KeyboardInterrupt
+        return whole(task)
+
+    monkeypatch.setattr(runs, "process", until_second)
+    with pytest.raises(KeyboardInterrupt):
+        run_fleet(jobs, out, HERE, memory=tmp_path / "known.json")
+    assert [row["memory"] for row in read_fleet(out).rows] == ["of 0 earlier logs"]
+    monkeypatch.setattr(runs, "process", whole)
+    found = run_fleet(jobs, out, HERE, memory=tmp_path / "known.json")
+    assert [row["memory"] for row in found.rows] == ["of 0 earlier logs", "of 1 earlier log"]
 
 
 def test_another_robot_s_memory_fails_its_logs_alone(logs: Path, tmp_path: Path) -> None:

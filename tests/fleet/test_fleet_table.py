@@ -15,6 +15,7 @@ from stadera.fleet import FleetOptions, FleetTable, LogJob, Pool, jobs_of, read_
 from stadera.fleet import run as rows
 from stadera.fleet import run as runs
 from stadera.fleet.merge import merge_fleet, merge_legs
+from stadera.fleet.pool import journal
 from stadera.fleet.run import Done, process
 from stadera.fleet.table import COLUMNS
 from stadera.identify.legs import identify
@@ -158,6 +159,24 @@ def test_killed_while_it_wrote(table: Path, jobs: list[LogJob], tmp_path: Path, 
     assert values(found) == values(done)
     assert weighed == ["b.parquet"]
     assert [path.name for path in tmp_path.iterdir()] == ["runs.parquet"]
+
+
+def test_a_table_that_another_run_writes_is_left_alone(jobs: list[LogJob], tmp_path: Path, weighed: list[str]) -> None:
+    pytest.importorskip("fcntl")
+    with journal(tmp_path / ".runs.journal.jsonl"):
+        with pytest.raises(StaderaError, match="another run is writing there"):
+            run_fleet(jobs, tmp_path / "runs.parquet", HERE)
+        assert not weighed
+        assert [path.name for path in tmp_path.iterdir()] == [".runs.journal.jsonl"]
+
+
+def test_what_a_url_needs_is_named_with_the_line_that_installs_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    def needs(_: str) -> None:
+        raise ImportError('HTTPFileSystem requires "requests" and "aiohttp" to be installed')
+
+    monkeypatch.setattr(pytest.importorskip("fsspec").core, "url_to_fs", needs)
+    with pytest.raises(StaderaError, match="installed: pip install requests aiohttp"):
+        jobs_of(["https://robots/*.mcap"], "hyq")
 
 
 def test_a_log_that_fails_is_a_row(logs: Path, tmp_path: Path, weighed: list[str]) -> None:

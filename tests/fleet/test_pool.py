@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import os
 import signal
+import time
 from pathlib import Path
 
 import pytest
 
 import stadera
 from stadera.errors import MissingExtraError, StaderaError
-from stadera.fleet.pool import Failure, Pool, run_tasks
+from stadera.fleet.pool import Failure, Pool, journal, run_tasks
 
 
 def square(x: float) -> float:
@@ -25,6 +26,15 @@ def killed_once(trace: str) -> int:
         Path(trace).touch()
         os.kill(os.getpid(), signal.SIGKILL)
     return os.getpid()
+
+
+def noted(line: tuple[str, str]) -> None:
+    """Writes a line into a file, at once and after a while."""
+    path, text = line
+    for part in ("begins", "ends"):
+        with Path(path).open("a") as file:
+            file.write(f"{text} {part}\n")
+        time.sleep(0.05)
 
 
 def always_killed(_: int) -> None:
@@ -60,6 +70,24 @@ def test_workers_of_another_version_are_refused(cluster: Pool, monkeypatch: pyte
     monkeypatch.setattr(stadera, "__version__", "9.9")
     with pytest.raises(StaderaError, match=r"worker tcp://.* has stadera 0.*, and this is 9.9"):
         list(run_tasks(square, TASKS, cluster))
+
+
+def test_tasks_of_one_owner_are_run_in_turn_and_yielded_as_they_end(cluster: Pool, tmp_path: Path) -> None:
+    tasks = {f"{owner}{k}": (str(tmp_path / owner), str(k)) for k in range(4) for owner in "ab"}
+    seen = [name for name, _ in run_tasks(noted, tasks, cluster, {name: name[0] for name in tasks})]
+    for owner in "ab":
+        assert [name for name in seen if name[0] == owner] == [f"{owner}{k}" for k in range(4)]
+        lines = (tmp_path / owner).read_text().splitlines()
+        assert lines == [f"{k} {part}" for k in range(4) for part in ("begins", "ends")]
+
+
+def test_one_run_at_a_time_writes_a_journal(tmp_path: Path) -> None:
+    pytest.importorskip("fcntl")
+    path = tmp_path / "runs.jsonl"
+    with journal(path), pytest.raises(StaderaError, match="another run is writing there"), journal(path):
+        pass
+    with journal(path):
+        pass
 
 
 def test_no_scheduler_there() -> None:

@@ -95,7 +95,8 @@ def _system(url: str) -> tuple[Any, str]:
     try:
         system, path = url_to_fs(url)
     except ImportError as error:  # fsspec's own, of the package for that protocol
-        raise RecordingError(f"{url}: {error}") from None
+        packages = " ".join(re.findall(r'"([\w.-]+)"', str(error)))
+        raise RecordingError(f"{url}: {error}{packages and f': pip install {packages}'}") from None
     except ValueError as error:
         raise RecordingError(f"{url}: not a URL that can be read: {error}") from None
     return system, str(path)

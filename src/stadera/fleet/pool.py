@@ -15,11 +15,12 @@ import logging
 import os
 import signal
 import sys
+from collections import deque
 from collections.abc import Callable, Generator, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import IO, Any, TypeVar
 
 import stadera
 from stadera.boundary import foreign
@@ -86,10 +87,11 @@ class Failure:
 
 
 def run_tasks(
-    run: Callable[[Task], Found], tasks: Mapping[str, Task], pool: Pool
+    run: Callable[[Task], Found], tasks: Mapping[str, Task], pool: Pool, owners: Mapping[str, str] | None = None
 ) -> Generator[tuple[str, Found | Failure], None, None]:
     """Yields names and outcomes of `run`, a function of a module, importable by the workers, or a partial of one, as
-    they arrive. Ending the iteration early stops the work.
+    they arrive. Ending the iteration early stops the work. Tasks with the same of the `owners`, by name, are run one
+    after the other in their order.
 
     Local workers are spawned, so a script that calls this needs the usual `if __name__ == "__main__"`.
 
@@ -104,7 +106,7 @@ def run_tasks(
             yield name, attempted(run, task)
         return
     with _client(pool) as client:
-        yield from _gathered(client, run, tasks)
+        yield from _gathered(client, run, tasks, owners or {})
 
 
 def attempted(run: Callable[[Task], Found], task: Task) -> Found | Failure:
@@ -138,15 +140,26 @@ def release_memory() -> None:
         ctypes.CDLL(None).malloc_trim(0)
 
 
-def _gathered(client: Any, run: Callable[[Task], Found], tasks: Mapping[str, Task]) -> Iterator[tuple[str, Any]]:
+def _gathered(
+    client: Any, run: Callable[[Task], Found], tasks: Mapping[str, Task], owners: Mapping[str, str]
+) -> Iterator[tuple[str, Any]]:
     from distributed import KilledWorker, as_completed
 
-    waiting = client.map(attempted, [run] * len(tasks), list(tasks.values()), pure=False, batch_size=1000)
-    names = {future.key: name for future, name in zip(waiting, tasks, strict=True)}
+    turns: dict[str, deque[str]] = {}
+    for name in tasks:
+        turns.setdefault(owners.get(name, name), deque()).append(name)
+    first = [turn.popleft() for turn in turns.values()]
+    waiting = client.map(attempted, [run] * len(first), [tasks[name] for name in first], pure=False, batch_size=1000)
+    names = {future.key: name for future, name in zip(waiting, first, strict=True)}
     completed = as_completed(waiting, loop=client.loop)  # type: ignore[no-untyped-call]
     del waiting  # outcomes are released as soon as they are yielded
     for future in completed:
         name = names.pop(future.key)
+        if turn := turns[owners.get(name, name)]:
+            then = client.submit(attempted, run, tasks[turn[0]], pure=False)
+            names[then.key] = turn.popleft()
+            completed.add(then)  # type: ignore[no-untyped-call]
+            del then
         try:
             outcome = future.result()
         except KilledWorker as error:
@@ -227,12 +240,13 @@ def read_journal(path: Path) -> Iterator[dict[str, Any]]:
 @contextmanager
 def journal(path: Path) -> Iterator[Callable[[Mapping[str, Any]], None]]:
     """Yields a function that appends entries immediately. Creates the folder if necessary. Raises StaderaError: it
-    cannot be written.
+    cannot be written, or another process has it open.
     """
     with foreign(path, "outcomes cannot be kept there", StaderaError):
         path.parent.mkdir(parents=True, exist_ok=True)
         file = path.open("a", encoding="utf-8")
     with file:
+        _lock(file, path)
         file.write("\n")  # ends an incomplete line
 
         def append(entry: Mapping[str, Any]) -> None:
@@ -240,3 +254,17 @@ def journal(path: Path) -> Iterator[Callable[[Mapping[str, Any]], None]]:
             file.flush()
 
         yield append
+
+
+def _lock(file: IO[str], path: Path) -> None:
+    """Locks a file until it is closed. Raises StaderaError: another process has locked it."""
+    try:
+        import fcntl
+    except ImportError:  # not on Windows
+        return
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        raise StaderaError(f"{path}: another run is writing there: wait for it, or write elsewhere") from None
+    except OSError:  # a file system without locks
+        return

@@ -8,8 +8,8 @@ the package's version equal those of its row.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, closing
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass
 from functools import lru_cache
 from math import isfinite
@@ -59,11 +59,6 @@ class Done:
     # read completely, so that another try may succeed
     key: str | None
     row: Row | None  # None if the result under this key exists already
-
-
-def process_in_turn(tasks: tuple[Task, ...]) -> list[Done]:
-    """Processes the logs of one robot, each with its memory of those before."""
-    return [process(task) for task in tasks]
 
 
 def process(task: Task) -> Done:
@@ -280,22 +275,40 @@ def run_fleet(
     for job in jobs:
         if job.robot is not None:
             job.model()  # errors appear before the computation
-    fleet = _Fleet(target, jobs)
-    turns = _turns(fleet, jobs, memory)
-    report = _report_of([task.job.log for turn in turns.values() for task in turn], watch)
-    try:
-        with journal(fleet.journal) as append, closing(run_tasks(process_in_turn, turns, pool or Pool())) as outcomes:
-            for of, outcome in outcomes:
-                for k, task in enumerate(turns[of]):
-                    done = lost(task.job, outcome.reason) if isinstance(outcome, Failure) else outcome[k]
+    files = {} if memory is None else memory_paths(memory, jobs)
+    with _journal(target) as append:
+        fleet = _Fleet(target, jobs)
+        tasks = _tasks(fleet, jobs, files)
+        owners = {log: str(task.memory) for log, task in tasks.items() if task.memory is not None}
+        report = _report_of(list(tasks), watch)
+        try:
+            with closing(run_tasks(process, tasks, pool or Pool(), owners)) as outcomes:
+                for log, outcome in outcomes:
+                    done = lost(tasks[log].job, outcome.reason) if isinstance(outcome, Failure) else outcome
                     if done.row is not None:
                         append({"key": done.key, "row": done.row})
-                        fleet.add(task.job.log, done)
-                report([task.job.log for task in turns[of]])
-    finally:
-        fleet.save()
-        fleet.journal.unlink(missing_ok=True)
+                        fleet.add(log, done)
+                    report(log)
+        finally:
+            fleet.save()
     return fleet.table()
+
+
+@contextmanager
+def _journal(target: Path) -> Iterator[Callable[[Mapping[str, Any]], None]]:
+    """The journal of a table while it is written by this run alone, deleted at the end."""
+    stack, path = ExitStack(), journal_path(target)
+    append = stack.enter_context(journal(path))
+    try:
+        with stack:
+            yield append
+    finally:
+        path.unlink(missing_ok=True)
+
+
+def journal_path(target: Path) -> Path:
+    """The journal of a table."""
+    return target.with_name(f".{target.stem}.journal.jsonl")
 
 
 def lost(job: LogJob, reason: str) -> Done:
@@ -303,30 +316,24 @@ def lost(job: LogJob, reason: str) -> Done:
     return Done(None, _empty(job) | {"status": "failed", "error": f"{job.log}: {reason}"})
 
 
-def _turns(fleet: _Fleet, jobs: Sequence[LogJob], memory: str | PathLike[str] | None) -> dict[str, tuple[Task, ...]]:
-    """Tasks that are not done yet: each by itself, or those of one memory together."""
-    files = {} if memory is None else memory_paths(memory, jobs)
-    turns: dict[str, tuple[Task, ...]] = {}
-    for job in {job.log: job for job in jobs}.values():
-        task = Task(job, fleet.key(job.log), files[owner_of(job)] if files else None)
-        if not _is_done(task):
-            of = job.log if task.memory is None else str(task.memory)
-            turns[of] = (*turns.get(of, ()), task)
-    return turns
+def _tasks(fleet: _Fleet, jobs: Sequence[LogJob], files: Mapping[str, Path]) -> dict[str, Task]:
+    """Tasks that are not done yet, by log, with the memories of their owners."""
+    every = {job.log: Task(job, fleet.key(job.log), files[owner_of(job)] if files else None) for job in jobs}
+    return {log: task for log, task in every.items() if not _is_done(task)}
 
 
-def _report_of(logs: Sequence[str], watch: Progress | None) -> Callable[[Sequence[str]], None]:
+def _report_of(logs: Sequence[str], watch: Progress | None) -> Callable[[str | None], None]:
     """What tells of logs that are done; progress is by the logs' sizes, which determine their time, if all are here."""
     sizes = dict.fromkeys(logs, 1) if any(map(is_url, logs)) else {log: _size(Path(log)) for log in logs}
     finished: list[str] = []
 
-    def report(done: Sequence[str]) -> None:
-        finished.extend(done)
+    def report(log: str | None) -> None:
+        finished.extend(() if log is None else (log,))
         if watch is not None:
             amount = sum(sizes[log] for log in finished)
             watch("weighing logs", amount, sum(sizes.values()), f"{len(finished)} of {len(sizes)}")
 
-    report(())
+    report(None)
     return report
 
 
@@ -336,13 +343,12 @@ class _Fleet:
     saved_every = 30.0  # [s]
 
     def __init__(self, target: Path, jobs: Sequence[LogJob]) -> None:
-        self.journal = target.with_name(f".{target.stem}.journal.jsonl")
         self._target, self._jobs = target, jobs
         self._done: dict[str, Done] = {}
         if target.exists():
             self._read(read_fleet(target))
         self._changed, self._saved = False, monotonic()
-        for entry in read_journal(self.journal):
+        for entry in read_journal(journal_path(target)):
             self._done[entry["row"]["log"]] = Done(entry["key"], entry["row"])
             self._changed = True
 
