@@ -17,7 +17,7 @@ import bags
 from stadera.cli.live import _shown
 from stadera.live import Answer, LiveSession, LiveState
 from stadera.logs import Recording, write_table
-from stadera.report.live import live_lines, live_screen
+from stadera.report.live import live_lines, live_screen, live_summary
 from stadera.robot import Robot
 from stadera.trust import Trust
 
@@ -46,6 +46,7 @@ def test_the_screen(states: list[LiveState]) -> None:
     nothing, tared, loaded = (drawn(state) for state in states)
     assert "waiting for joint states" in nothing
     assert nothing.count("not observed") == 4
+    assert "misfit" not in nothing
     assert "no tare yet" in nothing
     assert "no tare yet" not in tared
     assert loaded.count("±") > 5
@@ -73,7 +74,7 @@ def test_the_key_t_tares(states: list[LiveState], monkeypatch: pytest.MonkeyPatc
     os.close(typist)
     assert asked == ["tare"]
     assert "t: tare" in shown.getvalue()
-    assert "tared at 2.00 s" in shown.getvalue()
+    assert "t: tare, Ctrl-C: end; tared at 2.00 s" in shown.getvalue()
 
 
 class _Terminal(io.StringIO):
@@ -97,6 +98,12 @@ def test_a_line_for_everything_that_happens(states: list[LiveState]) -> None:
     assert {"samples arrive", "tared"} <= {line.partition(": ")[2] for line in then}
     assert [line for line in last if "load on at" in line]
     assert not list(live_lines(loaded, loaded))
+
+
+def test_the_last_line_says_what_was_lost(states: list[LiveState]) -> None:
+    assert "lost" not in live_summary(states[-1])
+    lossy = replace(states[-1], lost={"network": 7, "damaged": 0, "queue": 2})
+    assert live_summary(lossy).endswith("; lost messages: 7 network, 2 queue")
 
 
 def test_a_replay(run: Callable[..., Any], walk_file: Path, endpoint: str, tmp_path: Path) -> None:

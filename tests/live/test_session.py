@@ -274,6 +274,16 @@ def test_another_rate(robot: Robot, unloaded: list[Arrival]) -> None:
     assert any("another rate" in note for note in state.notes)
 
 
+def test_messages_without_torques(robot: Robot, walk: Recording, unloaded: list[Arrival]) -> None:
+    told = [
+        bags.joints(float(t), walk.joints, walk.position[k], topic="/joints") for k, t in enumerate(walk.time[:200])
+    ]
+    of_imu = [m for m in unloaded if m.kind == bags.IMU]
+    state = fed(LiveSession(robot), sorted([*arrivals(told), *of_imu], key=lambda m: m.arrived))
+    (lacking,) = state.waiting_for
+    assert lacking == "/joints: its messages have no torques (effort), by which a robot is weighed"
+
+
 def test_too_slow(robot: Robot, walk: Recording, unloaded: list[Arrival]) -> None:
     state = fed(
         LiveSession(robot), [m._replace(arrived=m.arrived) for m in unloaded[::1] if round(m.arrived / 0.004) % 8 == 0]

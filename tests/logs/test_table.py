@@ -204,6 +204,9 @@ def garbage(folder: Path, kind: str) -> Path:
             path.touch()
         case "directory":
             path.mkdir()
+        case "directory of logs":
+            path.mkdir()
+            (path / "a.parquet").touch()
         case "zip":
             path.write_bytes(b"PK\x03\x04" + bytes(200))
         case "binary":
@@ -227,6 +230,7 @@ def garbage(folder: Path, kind: str) -> Path:
         ("empty", "the file is empty; accepted: .*CSV table"),
         ("empty parquet", "the file is empty; accepted: .*Parquet table"),
         ("directory", "a directory, not a log; accepted: .*CSV table"),
+        ("directory of logs", r"a directory, not a log; accepted: .*; for the logs in it give `stadera fleet` '.*/\*'"),
         ("zip", "not what its name says, no CSV table.*; accepted: "),
         ("binary", "not what its name says, no CSV table.*; accepted: "),
         ("prose", "not a flat table: no column 'time'"),

@@ -8,7 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stadera.report.numbers import compared, number, with_std
+from stadera.report.numbers import compared, number, with_scale, with_std
+from stadera.report.trust import fit_figure
+from stadera.trust import Trust
 
 _EXPONENTS = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹−", "-0123456789-")
 
@@ -51,3 +53,12 @@ def test_compared():
     assert compared(1.1, 1.0, ("below", "above", "the same as")) == "10 % above"
     assert compared(1.001, 1.0) == "the same"
     assert compared(1.0, 0.0) == "none"
+
+
+def test_with_scale():
+    assert with_scale(1.5, 0.11, 0.074) == "1.500 ± 0.074 kg, and ± 5.4 % of it for the torques' scale"
+    assert with_scale(0.01, 0.25, 0.249) == "0.01 ± 0.25 kg", "a share of next to nothing says nothing"
+
+
+def test_a_misfit_that_was_not_evaluated():
+    assert fit_figure(Trust("doubtful", float("nan"))) == "not evaluated"

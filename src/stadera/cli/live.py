@@ -116,11 +116,12 @@ def _shown(tare: Callable[[], Answer]) -> Iterator[Callable[[LiveState], None]]:
         from rich.live import Live
 
         with Live(auto_refresh=False) as screen, _keys() as pressed:
-            below = ["t: tare, Ctrl-C: end" if sys.stdin.isatty() else ""]
+            hint = "t: tare, Ctrl-C: end" if sys.stdin.isatty() else ""
+            below = [hint]
 
             def update(state: LiveState) -> None:
                 if "t" in pressed().lower():
-                    below[0] = tare().message
+                    below[0] = f"{hint}; {tare().message}"
                 screen.update(live_screen(state, below[0]), refresh=True)
 
             yield update

@@ -172,6 +172,8 @@ class Intake:
         merging = Merging(head, topics, (*joints, *self._reading.others), self._settings.bags)
         if merging.imu_fault:
             raise RecordingError(f"topic {topics.imu} cannot be used as IMU: {merging.imu_fault}")
+        if self._reading.pd is None and not any(name.endswith(".effort") for name in merging.columns):
+            raise RecordingError(f"{topics.joint}: its messages have no torques (effort), by which a robot is weighed")
         self._layout = merging.layout(_SOURCE, joints, ("velocity", "effort", "imu"), self._reading)
         stamps = [int(sample.stamp[0]) for sample in head if sample.topic == topics.joint]
         rate, least = 1e9 / max(float(np.median(np.diff(stamps))), 1.0), self._settings.least_rate

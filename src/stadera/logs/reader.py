@@ -150,6 +150,9 @@ def reader_of(path: Path) -> Reader:
         why = f"not what its name says: content is {found.name}"
     elif path.is_dir():
         why = "a directory, not a log"
+        suffixes = tuple(suffix for reader in READERS for suffix in reader.suffixes)
+        if any(file.name.lower().endswith(suffixes) for file in path.glob("*")):
+            accepted += f"; for the logs in it give `stadera fleet` '{path}/*'"
     elif named:
         why = f"not what its name says, no {named.name} that can be read"
     raise RecordingError(f"{path}: {why}; {accepted}")

@@ -61,7 +61,8 @@ def live_summary(state: LiveState) -> str:
     if payload is not None:
         mass = with_scale(payload.mass, payload.mass_std, payload.mass_std_without_scale)
         text += f"; payload {mass}{state.mark}{payload.at and f' at {payload.at}'}"
-    return f"{text}; trust: {trust_text(state.trust)}"
+    lost = _lost(state)
+    return f"{text}; trust: {trust_text(state.trust)}{lost and f'; lost messages: {lost}'}"
 
 
 def _table(*head: str) -> Table:
@@ -91,8 +92,13 @@ def _changes(state: LiveState) -> Table:
 
 def _health(state: LiveState) -> Text:
     rates = ", ".join(f"{topic} {rate:.0f} Hz" for topic, rate in state.rates.items()) or "no messages"
-    lost = ", ".join(f"{count} {where}" for where, count in state.lost.items() if count) or "none"
+    lost = _lost(state) or "none"
     lag = f"; lag {number(1e3 * state.lag[0], 2)} ms" if isfinite(state.lag[0]) else ""
     spikes = f"; outliers replaced: {state.spikes}" if state.spikes else ""
     impacts = f"; left out for impacts: {state.impacts:.2f} s" if state.impacts else ""
     return Text(f"{rates}; lost: {lost}{spikes}{impacts}{lag}", style="dim")
+
+
+def _lost(state: LiveState) -> str:
+    """Numbers of lost messages by reason; empty if none was lost."""
+    return ", ".join(f"{count} {where}" for where, count in state.lost.items() if count)

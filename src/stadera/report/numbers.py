@@ -53,7 +53,7 @@ def with_scale(mass: float, std: float, without: float | None) -> str:
     if without is None or not (isfinite(mass) and isfinite(std) and mass):
         return f"{with_std(mass, std)} kg" if isfinite(std) else "mass not observed"
     scale = (max(std**2 - without**2, 0.0)) ** 0.5 / abs(mass)
-    if scale < 5e-4:
+    if not 5e-4 <= scale < 1.0:  # a share of next to nothing says nothing
         return f"{with_std(mass, std)} kg"
     return f"{with_std(mass, without)} kg, and ± {number(100.0 * scale, 2)} % of it for the torques' scale"
 

@@ -41,6 +41,8 @@ def trust_reasons(trust: Trust) -> str:
 
 def fit_figure(trust: Trust) -> str:
     """The misfit as a number, with what it is."""
+    if not isfinite(trust.misfit):
+        return "not evaluated"
     return f"{number(trust.misfit, 3)}, the residuals' variance over the stated one; 1 where both agree"
 
 

@@ -230,7 +230,7 @@ class ModelFit:
         """The verdict with its reasons."""
         if self._trust is None:
             if self.fit is None or not self.evaluated:
-                self._trust = Trust("doubtful", 1.0, {}, ("too few rows yet to evaluate the fit",))
+                self._trust = Trust("doubtful", np.nan, {}, ("too few rows yet to evaluate the fit",))
             else:
                 self._trust = self.fit.trust(self._robot, self.model, self._settings, self.swing)
                 if self._turned:
