@@ -153,11 +153,11 @@ def test_a_changed_motor_is_named_and_not_merged() -> None:
 
 def drifted(made: Drawn, rng: np.random.Generator) -> None:
     """The robot on another day: friction a third more or less, offsets by 0.2 % of the limits, other noise."""
-    dynamics = dict(made.true.dynamics)
-    for k, at in enumerate(made._order):
-        was, (first, second, third) = dynamics[joint := GO2.tree.joints[at]], rng.normal(size=3).tolist()
+    dynamics, limits = dict(made.true.dynamics), dict(zip(GO2.tree.joints, made._limit, strict=True))
+    for joint in (joint for leg in GO2.legs for joint in leg.joints):
+        was, (first, second, third) = dynamics[joint], rng.normal(size=3).tolist()
         friction = was.viscous * np.exp(0.3 * first), was.coulomb * np.exp(0.3 * second)
-        dynamics[joint] = JointDynamics(was.armature, *friction, was.offset + 0.002 * made._limit[k] * third)
+        dynamics[joint] = JointDynamics(was.armature, *friction, was.offset + 0.002 * limits[joint] * third)
     made.true, made._seed = made.true.with_dynamics(dynamics), int(rng.integers(2**32))
 
 

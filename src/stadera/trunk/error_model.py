@@ -214,8 +214,8 @@ class ErrorModel:
         deviation = np.zeros(self.layout.count)
         for name, place in self.layout.places.items():
             deviation[place] = std[name]
-        alike = dict.fromkeys(("rotor", "viscous", "coulomb", "load_friction"), sizes.alike)
-        alike["stiction"] = sizes.sagging
+        alike = dict.fromkeys(("rotor", "viscous", "coulomb"), sizes.alike)
+        alike |= {"load_friction": sizes.alike_loaded, "stiction": sizes.sagging}
         found = {name: np.isfinite(own) for name, own in known.items()}
         found["stiction"] = found["coulomb"]
         found["load_friction"] = np.zeros(len(joints), dtype=bool)  # no model file has it

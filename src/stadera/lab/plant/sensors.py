@@ -174,6 +174,8 @@ class Sensors:
     def _arriving(self, time: float, effort: Array) -> Array:
         """Torques that arrive now: those of `torque_delay` ago, or the first ones."""
         late = self._late
+        if late and time < late[-1][0]:  # the plant was reset
+            late.clear()
         late.append((time, effort))
         due = time - self.errors.torque_delay + ROUNDING
         while len(late) > 1 and late[1][0] <= due:
