@@ -25,7 +25,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from math import ceil
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 from scipy.special import chdtr, chdtri, ndtr, stdtr
@@ -35,7 +35,6 @@ from stadera.fleet.table import FleetTable
 from stadera.types import Array
 
 LogRow = Mapping[str, Any]
-CHANCE = 0.01  # of any report from an unchanged fleet
 
 TRUNK: Mapping[str, tuple[str, str, float]] = {
     "trunk_mass": ("trunk mass", "kg", 1.0),
@@ -139,6 +138,8 @@ Kind = Literal["since", "once", "while"]
 class Departure:
     """A stretch of logs, the first to the last of a series, that departs from the others."""
 
+    USUAL: ClassVar = 0.01  # probability of any report from an unchanged fleet
+
     series: FleetSeries
     first: int
     last: int
@@ -171,7 +172,7 @@ class Departure:
         }
 
 
-def departures(fleet: Sequence[FleetSeries], chance: float = CHANCE) -> list[Departure]:
+def departures(fleet: Sequence[FleetSeries], chance: float = Departure.USUAL) -> list[Departure]:
     """Detects departures in all series, the most significant first; `chance` is the probability of any report from an
     unchanged fleet.
     """

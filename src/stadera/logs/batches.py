@@ -125,14 +125,18 @@ def _recording(batch: Array, layout: Layout, source: str, first: int, clock: Row
     if not len(samples):
         return None
     values = batch[:, samples - first] if notes else batch
-    check_values(values.T, layout.columns, source, samples)
+    check_values(values[:1].T, (TIME,), source, samples)
     kept = clock(values[0], samples)
     if not kept.any():
         return None
     if not kept.all():
         notes += (f"left out {np.count_nonzero(~kept)} samples whose time repeats or runs back",)
-        values = values[:, kept]
-    return _of_columns(values, layout, source, (*(layout.notes if first == 0 else ()), *notes))
+        values, samples = values[:, kept], samples[kept]
+    try:
+        return _of_columns(values, layout, source, (*(layout.notes if first == 0 else ()), *notes))
+    except RecordingError:
+        check_values(values.T, layout.columns, source, samples)  # the same, with the sample's place in the log
+        raise
 
 
 def _of_columns(values: Array, layout: Layout, source: str, notes: tuple[str, ...]) -> Recording:

@@ -13,7 +13,6 @@ from rich.text import Text
 
 from stadera.constants import DAY
 from stadera.fleet.departures import (
-    CHANCE,
     JOINT,
     TRUNK,
     Departure,
@@ -188,7 +187,7 @@ def fleet_html(table: FleetTable, pages: Mapping[str, str], memories: Mapping[st
         headline=_headline(found, fleet, len(failed), len(table.rows)),
         word="to be looked at" if found or failed else "good",
         why=f"{counted(looks_at(fleet), 'comparison')}; the chance that any of them reports an unchanged fleet is at "
-        f"most {number(100.0 * CHANCE, 1)} %.",
+        f"most {number(100.0 * Departure.USUAL, 1)} %.",
         next=_advice(found, failed),
         robots=robots_table(table),
         failed=_failed_table(failed) if failed else None,
