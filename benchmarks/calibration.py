@@ -64,7 +64,7 @@ SPREAD = "size_spread"
 CONSTANTS = ("torque_constant", "accelerometer_constant")
 LEGS = "drifts"
 DRIFTS = ("friction_drift", "offset_drift", "rotor_drift")
-UNSCALED = ("alike", "sagging", "renewed", "held", "surest")
+UNSCALED = ("alike", "alike_loaded", "sagging", "renewed", "held", "surest")
 QUANTITIES = ("trunk mass", "trunk x", "trunk y", "trunk z", "payload mass")
 
 Found = dict[str, Any]
