@@ -258,16 +258,28 @@ def test_impacts_that_the_rate_does_not_resolve_do_not_make_the_trunk_lighter() 
     assert estimator.estimate().value[0] < trunk().mass - 0.03 * robot().mass  # what they would do
 
 
-@pytest.mark.parametrize("late", [2, 12])
-def test_finds_by_how_much_torques_are_late(late: int) -> None:
-    """Rows are linear in the lag, and find a part of a long one: their own error says nothing of the rest."""
-    m = motion()
+def delayed(late: int) -> TrunkEstimator:
+    """An estimator whose torques are so many samples late."""
+    m, estimator = motion(), TrunkEstimator(robot())
     effort = np.vstack([np.repeat(m.effort[:1], late, axis=0), m.effort[:-late]])
-    estimator = TrunkEstimator(robot())
     estimator.add(before(samples(replace(m, effort=effort), STANDARD, 2), TARED))
+    return estimator
+
+
+def test_finds_by_how_much_torques_are_late() -> None:
+    estimator, late = delayed(2), 2 / RATE
+    std = estimator.errors.std[estimator.errors.layout.places["torque_lag"]].item()
+    assert abs(estimator.torque_lag[0] - late) < 3.0 * std
+    assert std < 1e-3
+
+
+def test_the_bar_of_a_long_lag_contains_what_is_not_found_of_it() -> None:
+    """Rows are linear in the lag: what they say of their own error is nothing of the rest."""
+    estimator, late = delayed(12), 12 / RATE
     lag, std = estimator.torque_lag
-    assert abs(lag - late / RATE) < 2.0 * std
-    assert std < 0.003 + late / RATE
+    own = estimator.errors.std[estimator.errors.layout.places["torque_lag"]].item()
+    assert 2.0 * own < late - lag < 2.0 * std
+    assert std < 0.5 * late
 
 
 def test_one_by_one_is_all_at_once() -> None:

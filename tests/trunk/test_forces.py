@@ -210,5 +210,7 @@ def test_normals_of_planes() -> None:
 
 def test_bad_input_is_named() -> None:
     robot = load_robot("hyq")
+    with pytest.raises(ModelError, match="each joint of the legs"):
+        ForceNoise(np.ones(12), np.ones((4, 3)))
     with pytest.raises(ModelError, match=r"\(samples, 12\)"):
         foot_positions(robot, np.zeros((1, 11)))

@@ -9,6 +9,7 @@ import pytest
 
 from stadera.errors import ModelError, RecordingError, StaderaError, UnknownNameError
 from stadera.inertia import InertialParameters
+from stadera.lab.laws.equilibrium import ForceNoise
 from stadera.lab.laws.static import MassEstimator
 from stadera.lab.plant.plant import Plant
 from stadera.lab.plant.sensors import IDEAL, SensorReading, Sensors, measurement_of, recording_of
@@ -165,6 +166,10 @@ def test_estimates_tell_what_was_observed(robot: Robot) -> None:
 
 
 def test_settings_are_checked(robot: Robot) -> None:
+    with pytest.raises(ModelError, match="torque_white"):
+        ForceNoise(-np.ones(12), np.ones(12))
+    with pytest.raises(ModelError, match="one value for each joint"):
+        ForceNoise(np.ones(12), np.ones((4, 3)))
     with pytest.raises(StaderaError, match="slip"):
         StaticLimits(slip=0.0)
     assert isinstance(MassEstimator(robot), Estimator)

@@ -298,7 +298,7 @@ def run_fleet(
 def _journal(target: Path) -> Iterator[Callable[[Mapping[str, Any]], None]]:
     """The journal of a table while it is written by this run alone, deleted at the end."""
     stack, path = ExitStack(), journal_path(target)
-    append = stack.enter_context(journal(path))
+    append = stack.enter_context(journal(path))  # raises where it is another run's, which is not to be deleted
     try:
         with stack:
             yield append

@@ -284,10 +284,8 @@ def _agreed(
     else:
         (section,), (start, stop) = training.stretches, time_span(logs[0], job.joints)
         middle = 0.5 * (start + stop)
-        names, halves = (
-            ["the first half", "the second half"],
-            (replace(section, stop=middle), replace(section, start=middle)),
-        )
+        names = ["the first half", "the second half"]
+        halves = replace(section, stop=middle), replace(section, start=middle)
         parts = [training.of([half]) for half in halves]
     return _agreement(job.tasks, names, [information_of(job, part, gathered) for part in parts], floats, daily=True)
 

@@ -57,11 +57,9 @@ class Mend:
             return self.of_joints(quantity, values, joints) if quantity in CHANNELS else values
 
         made = recording.mapped(corrected)
-        if (
-            made.imu is not None and self.turn and not self.gyro_alone
-        ):  # the orientation's frame is not that of the values
-            return replace(made, imu=replace(made.imu, orientation=None))
-        return made
+        if made.imu is None or not self.turn or self.gyro_alone:
+            return made
+        return replace(made, imu=replace(made.imu, orientation=None))  # its frame is not that of the values
 
     def of_joints(self, channel: str, values: Array, joints: Sequence[str]) -> Array:
         order = [joints.index(self.swapped.get((channel, joint), joint)) for joint in joints]

@@ -146,7 +146,7 @@ class TrunkEstimator:
     def add(self, samples: Samples | Sequence[Measurement]) -> None:
         """Processes any number of samples, equivalent to as many calls of `update`.
 
-        Samples that are not finite or go back in time are skipped and reported; none are differentiated across a gap.
+        Samples that are not finite or go back in time are skipped and reported. No signal is differentiated over a gap.
 
         Raises:
             RecordingError: anything but `Samples`, or measurements.
@@ -332,7 +332,7 @@ class TrunkEstimator:
         return self._bars_with(on_scale(self.robot, 0.0, std, self._history.tare))
 
     def bars_calibrated(self, mass: float) -> tuple[float, float]:
-        """The same if a test weight [kg] had been on it as long, in the same motion. IdentificationError: no tare."""
+        """The same if a test weight [kg] had been on it as long, moved alike. Raises IdentificationError: no tare."""
         place, again = (0.0, 0.0, 0.3 * self.robot.leg_length), replace(self._history.carried)
         return self._bars_with(with_test_weight(self.robot, mass, place, 0.005, 0.005, self._history.tare, again))
 
@@ -377,8 +377,8 @@ class TrunkEstimator:
         sensors; negative if they act after their stamps, as of commands. `identify` counts the other way.
         """
         at, errors, settings = self._fit.model.layout.places["torque_lag"].start, self._fit.errors, self.settings
-        lag, std = float(errors.mean[at]), float(errors.std[at])
-        return lag, hypot(std, settings.lag_share * lag, settings.lag_least)
+        lag, left = float(errors.mean[at]), sqrt(min(self._fit.misfit, 1.0))
+        return lag, hypot(float(errors.std[at]), left * settings.lag_share * lag, left * settings.lag_least)
 
     @property
     def errors(self) -> Errors:

@@ -359,9 +359,11 @@ class TrunkSettings:
         turned: standard deviations of its mount about one axis beyond which a turn of the IMU makes a result doubtful.
             Of 36 simulated logs with drawn errors one has 2.5 and the others less, walks of a real Mini Cheetah 0.7.
         overweight: weight on a scale over that of the model, which no load explains, but grams do [1].
-        lag_share, lag_least: uncertainty of the torques' lag beyond what its rows show, share of it [1] and [s]: they
-            are linear in it, as torques are for a few milliseconds only. Torques of two walks of real Go2s and two
-            simulated trots, shifted by -6 to 9 ms, move it by 0.6 (median, 0.1 to 1.2) of that.
+        lag_share, lag_least: uncertainty of the torques' lag beyond what its rows show, share of it [1] and [s], where
+            the misfit is one or more; less by its root below. Rows are linear in the lag, as torques are for a few
+            milliseconds only, and what is wrong with the model takes up the rest. Torques of two walks of real Go2s
+            and two simulated trots, shifted by -6 to 9 ms, move it by 0.6 (median, 0.1 to 1.2) of that; so five trots
+            and two walks are at most 2.4 of these bars off. Of a robot as its model it is right within 0.3 ms.
         apart: standard deviations between a scale, test weight or memory and the log, beyond which it is left out, and
             between a trunk's mass and its bounds, beyond which it is impossible.
         compared: time between two comparisons of the places where a load may be [s]; a change of the load compares

@@ -25,12 +25,13 @@ that is known to be in the air is excluded, and adds its joints' own equations, 
 are unknown.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Self
 
 import numpy as np
 
 from stadera.constants import GRAVITY
+from stadera.errors import ModelError
 from stadera.inertia import skew
 from stadera.information import Unknowns
 from stadera.robot.model import Robot
@@ -48,6 +49,9 @@ class ForceNoise:
         foot_position: [m], of each component of a foot's position in the trunk frame, constant.
         leg_mass: relative error of the mass of a leg's link, constant.
         repeatable: residual of a pose at rest, as a share of the robot's weight, moments at 1 m. Assumed.
+
+    Raises:
+        ModelError: torques of different shapes, or a value that is negative or not finite.
     """
 
     torque_white: Array
@@ -55,6 +59,14 @@ class ForceNoise:
     foot_position: float = 0.0
     leg_mass: float = 0.0
     repeatable: float = 1e-4
+
+    def __post_init__(self) -> None:
+        for name in (field.name for field in fields(self)):
+            value = np.asarray(getattr(self, name), dtype=float)
+            if not (np.isfinite(value).all() and (value >= 0).all()):
+                raise ModelError(f"force noise {name!r} must be finite and not negative")
+            if name.startswith("torque") and (value.ndim != 1 or value.shape != np.shape(self.torque_white)):
+                raise ModelError(f"force noise {name!r} needs one value for each joint of the legs, got {value.shape}")
 
     @classmethod
     def of(

@@ -12,7 +12,6 @@ simulated as long as the whole mechanism has a positive kinetic energy.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import mujoco
 import numpy as np
@@ -85,10 +84,18 @@ def compile_model(spec: mujoco.MjSpec, robot: Robot, tree: Tree) -> mujoco.MjMod
     return model
 
 
-def build_model(robot: Robot, tree: Tree | None = None, **options: Any) -> mujoco.MjModel:
-    """A compiled model of the robot, or of a part such as `robot.leg_tree("RH")`, with options of `build_spec`."""
+def build_model(
+    robot: Robot,
+    tree: Tree | None = None,
+    *,
+    floating: bool = False,
+    timestep: float = 1e-3,
+    drive_state: bool = False,
+) -> mujoco.MjModel:
+    """A compiled model of the robot, or of a part such as `robot.leg_tree("RH")`, as `build_spec` makes it."""
     tree = tree or robot.tree
-    return compile_model(build_spec(robot, tree, **options), robot, tree)
+    spec = build_spec(robot, tree, floating=floating, timestep=timestep, drive_state=drive_state)
+    return compile_model(spec, robot, tree)
 
 
 def least_leg_eigenvalue(robot: Robot, leg: str) -> float:

@@ -159,7 +159,7 @@ def record_of(kind: str, definition: str, *, aligned: bool = True, most: int = 1
 
 
 def _numbers(types: Mapping[str, Any], description: Any, path: str) -> Iterator[tuple[str, np.dtype[Any]]]:
-    """Path and type of every number of a field, in order, until a part of unknown size."""
+    """Path and type of every number of a field, in order. RecordingError: a part of unknown size."""
     from rosbags.interfaces import Nodetype
 
     node, detail = description
